@@ -1,0 +1,1 @@
+"""The arm on Pinocchio: the public door of the package."""

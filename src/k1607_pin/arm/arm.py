@@ -1,0 +1,240 @@
+"""`Arm`: a fixed-base serial arm on Pinocchio, immutable to its user and safe to use from threads."""
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+Vector = np.ndarray
+
+
+class Arm:
+    """A fixed-base serial arm with n one-degree-of-freedom joints and a tool frame.
+
+    Made by `load_k1607`, `load_urdf` or `load_example`. Joint angles q and velocities v are (n,) in rad (m for a prismatic
+    joint) and rad/s; forces are SI; Cartesian quantities are in base axes, linear rows first. Kinematics also take
+    batches (..., n). An argument of wrong shape, or that is not finite, raises `ValueError`.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        tool_frame: str,
+        visual_model: pin.GeometryModel | None = None,
+        collision_model: pin.GeometryModel | None = None,
+    ) -> None:
+        _require_serial(model)
+        self._model = pin.Model(model)
+        self._n = int(model.nv)
+        self._shape = (self._n,)
+        self._tool_frame = tool_frame
+        self._tool_id = frame_id(model, tool_frame)
+        self._visual_model, self._collision_model = visual_model, collision_model
+        self._local = threading.local()
+
+    @property
+    def _data(self) -> pin.Data:
+        """This thread's workspace: Pinocchio writes results into it, so no two threads may share one."""
+        try:
+            return self._local.data
+        except AttributeError:
+            self._local.data = self._model.createData()
+            return self._local.data
+
+    # What it is
+
+    @property
+    def model(self) -> pin.Model:
+        """A copy of the `pinocchio.Model`, armature included: yours to change, this arm stays as it is."""
+        return pin.Model(self._model)
+
+    @property
+    def visual_model(self) -> pin.GeometryModel | None:
+        """A copy of the visual geometry, if the arm has one."""
+        return self._visual_model and self._visual_model.copy()
+
+    @property
+    def collision_model(self) -> pin.GeometryModel | None:
+        """A copy of the collision geometry, if the arm has one."""
+        return self._collision_model and self._collision_model.copy()
+
+    @property
+    def name(self) -> str:
+        """Name of the robot."""
+        return self._model.name
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self._n
+
+    @property
+    def tool_frame(self) -> str:
+        """Name of the frame that Cartesian quantities belong to."""
+        return self._tool_frame
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the n joints from base to tool."""
+        return tuple(self._model.names)[1:]
+
+    @property
+    def lower(self) -> Vector:
+        """(n,) lower joint limits, rad; -inf for none."""
+        return self._model.lowerPositionLimit.copy()
+
+    @property
+    def upper(self) -> Vector:
+        """(n,) upper joint limits, rad; inf for none."""
+        return self._model.upperPositionLimit.copy()
+
+    @property
+    def velocity_limit(self) -> Vector:
+        """(n,) rad/s"""
+        return self._model.velocityLimit.copy()
+
+    @property
+    def effort_limit(self) -> Vector:
+        """(n,) N m"""
+        return self._model.effortLimit.copy()
+
+    @property
+    def armature(self) -> Vector:
+        """(n,) kg m^2: reflected rotor inertia, part of the mass matrix."""
+        return self._model.armature.copy()
+
+    def __repr__(self) -> str:
+        return f"<Arm {self.name!r}: {self.n} joints, tool frame {self.tool_frame!r}>"
+
+    def random_configuration(self, rng: np.random.Generator, size: int | tuple[int, ...] = ()) -> Vector:
+        """(*size, n) joint angles, uniform within the limits (within ±180° where there are none)."""
+        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
+        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
+        return rng.uniform(lower, upper, (*np.atleast_1d(size).astype(int), self.n) if size != () else self.n)
+
+    # Kinematics
+
+    def forward_kinematics(self, q: Vector) -> "pin.SE3 | np.ndarray":
+        """T_base_tool as `pinocchio.SE3` [m] for q (n,); for a batch q (..., n), homogeneous matrices (..., 4, 4)."""
+        q = self._angles(q)
+        if q.ndim > 1:
+            return self._batch(lambda x: self.forward_kinematics(x).homogeneous, q, (4, 4))
+        data = self._data
+        pin.forwardKinematics(self._model, data, q)
+        return pin.SE3(pin.updateFramePlacement(self._model, data, self._tool_id))
+
+    def frames(self, q: Vector) -> list[pin.SE3]:
+        """The n joint frames in the base frame for q (n,): frames {1} to {n} of a modified D-H arm."""
+        q = self._one(q, "q")
+        data = self._data
+        pin.forwardKinematics(self._model, data, q)
+        return [pin.SE3(data.oMi[i]) for i in range(1, self.n + 1)]
+
+    def jacobian(self, q: Vector) -> np.ndarray:
+        """(..., 6, n) of the tool frame, linear rows [m] first, base axes, for q (..., n)."""
+        q = self._angles(q)
+        if q.ndim > 1:
+            return self._batch(self.jacobian, q, (6, self.n))
+        return pin.computeFrameJacobian(self._model, self._data, q, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+
+    # Dynamics
+
+    def mass_matrix(self, q: Vector) -> np.ndarray:
+        """(n, n) kg m^2, symmetric, armature included."""
+        M = pin.crba(self._model, self._data, self._one(q, "q"), pin.Convention.WORLD).copy()
+        return M
+
+    def gravity_torque(self, q: Vector) -> Vector:
+        """(n,) N m: what the actuators must hold at rest."""
+        return pin.computeGeneralizedGravity(self._model, self._data, self._one(q, "q")).copy()
+
+    def bias_torque(self, q: Vector, v: Vector) -> Vector:
+        """(n,) N m: C v + g."""
+        return pin.nonLinearEffects(self._model, self._data, self._one(q, "q"), self._one(v, "v")).copy()
+
+    def coriolis_matrix(self, q: Vector, v: Vector) -> np.ndarray:
+        """(n, n) N m s: C of C v, Pinocchio's choice, for which M_dot - 2 C is skew."""
+        return pin.computeCoriolisMatrix(self._model, self._data, self._one(q, "q"), self._one(v, "v")).copy()
+
+    def forward_dynamics(self, q: Vector, v: Vector, tau: Vector) -> Vector:
+        """(n,) rad/s^2: joint accelerations under joint torques tau (n,) N m."""
+        q, v, tau = self._one(q, "q"), self._one(v, "v"), self._one(tau, "tau")
+        return pin.aba(self._model, self._data, q, v, tau).copy()
+
+    def inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
+        """(n,) N m: joint torques that give joint accelerations a (n,) rad/s^2."""
+        q, v, a = self._one(q, "q"), self._one(v, "v"), self._one(a, "a")
+        return pin.rnea(self._model, self._data, q, v, a).copy()
+
+    # Arguments
+
+    def _one(self, x: Vector, name: str) -> Vector:
+        """x as (n,) finite floats."""
+        if type(x) is not np.ndarray or x.dtype != float:
+            x = _floats(x, name)
+        # A finite scalar product means finite entries, at a third of the cost of isfinite().all(); huge entries that
+        # overflow it are looked at one by one.
+        if x.shape != self._shape or not (x.dot(x) < np.inf or np.isfinite(x).all()):
+            raise ValueError(f"{name}: expected ({self.n},) finite numbers, got {_seen(x)}")
+        return x
+
+    def _angles(self, q: Vector) -> Vector:
+        """q as (..., n) finite floats."""
+        if type(q) is np.ndarray and q.ndim == 1:
+            return self._one(q, "q")
+        q = _floats(q, "q")
+        if q.ndim == 1:
+            return self._one(q, "q")
+        if q.ndim == 0 or q.shape[-1] != self.n or not np.isfinite(q).all():
+            raise ValueError(f"q: expected (..., {self.n}) finite numbers, got {_seen(q)}")
+        return q
+
+    def _batch(self, fun: Callable[[Vector], np.ndarray], q: Vector, shape: tuple[int, ...]) -> np.ndarray:
+        out = np.empty((q.size // self.n, *shape))
+        for k, one in enumerate(q.reshape(-1, self.n)):
+            out[k] = fun(one)
+        return out.reshape(*q.shape[:-1], *shape)
+
+
+def frame_id(model: pin.Model, name: str) -> int:
+    """Index of the frame ``name``: the link of that name where a joint has it too.
+
+    Raises
+    ------
+    ValueError
+        No such frame; the message lists the links.
+    """
+    named = [i for i, frame in enumerate(model.frames) if frame.name == name]
+    if not named:
+        links = ", ".join(frame.name for frame in model.frames if frame.type == pin.BODY)
+        raise ValueError(f"tool_frame: no frame {name!r} in {model.name!r}, expected one of {links}")
+    return next((i for i in named if model.frames[i].type == pin.BODY), named[0])
+
+
+def _floats(x: Vector, name: str) -> Vector:
+    try:
+        return np.array(x, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers, got {x!r}") from None
+
+
+def _seen(x: Vector) -> str:
+    return f"shape {x.shape}" if x.size > 12 else repr(x.tolist())
+
+
+def _require_serial(model: pin.Model) -> None:
+    """Refuse what this package's formulas do not hold for."""
+    if model.nv == 0:
+        raise ValueError(f"{model.name!r}: no movable joint")
+    for i in range(1, model.njoints):
+        if model.joints[i].nq != 1 or model.joints[i].nv != 1:
+            raise ValueError(
+                f"{model.name!r}, joint {model.names[i]!r}: expected one degree of freedom and one coordinate, "
+                f"got {model.joints[i].shortname()} (nq {model.joints[i].nq}, nv {model.joints[i].nv})"
+            )
+        if model.parents[i] != i - 1:
+            raise ValueError(
+                f"{model.name!r}, joint {model.names[i]!r}: expected a serial chain, but its parent is "
+                f"{model.names[model.parents[i]]!r}; lock the joints that do not carry the tool frame"
+            )

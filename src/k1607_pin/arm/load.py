@@ -1,0 +1,136 @@
+"""Arms from files: the K-1607, any URDF, and the robots of example-robot-data."""
+
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from k1607_pin import data
+from k1607_pin.arm.arm import Arm, frame_id
+from k1607_pin.description.dh import exact
+
+TOOL_FRAMES = {
+    "panda": "panda_hand_tcp",
+    "ur3": "tool0",
+    "ur5": "tool0",
+    "ur10": "tool0",
+    "xarm7": "link_eef",
+    "kinova": "j2s6s200_end_effector",
+    "z1": "gripperStator",
+}
+"""Tool frames of well-known robots of example-robot-data."""
+
+
+def k1607_urdf() -> Path:
+    """Where the K-1607's URDF lies: in the package once installed, in ``urdf/`` in a checkout."""
+    packaged = Path(str(files("k1607_pin.data"))) / "k1607.urdf"
+    return packaged if packaged.exists() else Path(__file__).parents[3] / "urdf" / "k1607.urdf"
+
+
+def load_k1607(
+    tool_frame: str = "tool", armature: np.ndarray | None = None, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+) -> Arm:
+    """The Robotics Research K-1607.
+
+    Parameters
+    ----------
+    tool_frame : "tool" is the report's frame {7}; "tool_plate" lies 6.600 in further along z7.
+    armature : (n,) kg m^2 reflected rotor inertia; None takes the assumed values of ``data/k1607.toml``.
+    gravity : (3,) m/s^2 in the base frame; (0, 0, 0) for orbit.
+    """
+    if armature is None:
+        armature = np.array(data.load("k1607")["armature"]["inertia_kg_m2"])
+    return load_urdf(k1607_urdf(), tool_frame, armature=armature, gravity=gravity)
+
+
+def load_urdf(
+    path: str | Path,
+    tool_frame: str | None = None,
+    locked: Iterable[str] | Mapping[str, float] = (),
+    armature: np.ndarray | None = None,
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+    package_dirs: Iterable[str | Path] = (),
+) -> Arm:
+    """The fixed-base arm of a URDF file.
+
+    Parameters
+    ----------
+    tool_frame : a link or joint name; None takes the last link.
+    locked : joints to hold still, at zero or at the given angle [rad]. Joints that do not carry the tool frame
+        (a gripper's fingers) are locked at zero unasked, or at the limit nearest to it.
+    armature : (n,) kg m^2; None keeps the model's own, zero unless the file says otherwise.
+    gravity : (3,) m/s^2 in the base frame.
+    package_dirs : where ``package://`` meshes are looked for; the file's folder is always.
+
+    Raises
+    ------
+    ValueError
+        No such file, not a URDF, no such frame or joint, or not a serial chain of one-degree-of-freedom joints.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"path: no URDF file {path}")
+    folders = [str(path.parent), *(str(folder) for folder in package_dirs)]
+    try:
+        model = pin.buildModelFromUrdf(str(path))
+        visual = pin.buildGeomFromUrdf(model, str(path), pin.VISUAL, package_dirs=folders)
+        collision = pin.buildGeomFromUrdf(model, str(path), pin.COLLISION, package_dirs=folders)
+    except (ValueError, RuntimeError) as error:
+        raise ValueError(f"path: Pinocchio cannot read {path}: {error}") from error
+    return _arm(model, visual, collision, tool_frame, locked, armature, gravity)
+
+
+def load_example(
+    name: str,
+    tool_frame: str | None = None,
+    locked: Iterable[str] | Mapping[str, float] = (),
+    armature: np.ndarray | None = None,
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+) -> Arm:
+    """A robot of example-robot-data ("panda", "ur5", "xarm7", ...); arguments and errors as for `load_urdf`."""
+    import example_robot_data
+    from example_robot_data.robots_loader import ROBOTS
+
+    if name not in ROBOTS:
+        raise ValueError(f"name: no robot {name!r} in example-robot-data, expected one of {', '.join(sorted(ROBOTS))}")
+    robot = example_robot_data.load(name)
+    frame = tool_frame or TOOL_FRAMES.get(name)
+    return _arm(robot.model, robot.visual_model, robot.collision_model, frame, locked, armature, gravity)
+
+
+def _arm(
+    model: pin.Model,
+    visual: pin.GeometryModel,
+    collision: pin.GeometryModel,
+    tool_frame: str | None,
+    locked: Iterable[str] | Mapping[str, float],
+    armature: np.ndarray | None,
+    gravity: tuple[float, float, float],
+) -> Arm:
+    tool_frame = tool_frame or model.frames[model.nframes - 1].name
+    angles = dict(locked) if isinstance(locked, Mapping) else dict.fromkeys(locked, 0.0)
+    if unknown := [joint for joint in angles if not model.existJointName(joint)]:
+        raise ValueError(f"locked: no joint {unknown[0]!r} in {model.name!r}, expected among {', '.join(model.names[1:])}")
+    carriers = set(model.supports[model.frames[frame_id(model, tool_frame)].parentJoint])
+    still = [i for i in range(1, model.njoints) if i not in carriers or model.names[i] in angles]
+    if still:
+        q = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
+        for joint, angle in angles.items():
+            q[model.joints[model.getJointId(joint)].idx_q] = angle
+        model, (visual, collision) = pin.buildReducedModel(model, [visual, collision], still, q)
+    else:
+        model = pin.Model(model)
+    for placement in model.jointPlacements:
+        placement.rotation = exact(placement.rotation)
+    g = np.asarray(gravity, dtype=float)
+    if g.shape != (3,) or not np.isfinite(g).all():
+        raise ValueError(f"gravity: expected (3,) finite numbers in m/s^2, got {gravity!r}")
+    model.gravity = pin.Motion(g, np.zeros(3))
+    if armature is not None:
+        armature = np.asarray(armature, dtype=float)
+        if armature.shape != (model.nv,) or not np.isfinite(armature).all() or (armature < 0).any():
+            raise ValueError(f"armature: expected ({model.nv},) numbers >= 0 in kg m^2, got {armature!r}")
+        model.armature = armature
+    return Arm(model, tool_frame, visual, collision)

@@ -1,0 +1,1 @@
+"""From NumPy functions to CasADi expressions."""

@@ -1,0 +1,1 @@
+"""Kinematics as pure functions of arrays: one definition for numbers, batches, traced symbols and exact polynomials."""
