@@ -126,7 +126,7 @@ class Arm:
 
     def frames(self, q: Vector) -> list[pin.SE3]:
         """The n joint frames in the base frame for q (n,): frames {1} to {n} of a modified D-H arm."""
-        q = self._one(q, "q")
+        q = self.as_vector(q, "q")
         data = self._data
         pin.forwardKinematics(self._model, data, q)
         return [pin.SE3(data.oMi[i]) for i in range(1, self.n + 1)]
@@ -142,35 +142,35 @@ class Arm:
 
     def mass_matrix(self, q: Vector) -> np.ndarray:
         """(n, n) kg m^2, symmetric, armature included."""
-        M = pin.crba(self._model, self._data, self._one(q, "q"), pin.Convention.WORLD).copy()
+        M = pin.crba(self._model, self._data, self.as_vector(q, "q"), pin.Convention.WORLD).copy()
         return M
 
     def gravity_torque(self, q: Vector) -> Vector:
         """(n,) N m: what the actuators must hold at rest."""
-        return pin.computeGeneralizedGravity(self._model, self._data, self._one(q, "q")).copy()
+        return pin.computeGeneralizedGravity(self._model, self._data, self.as_vector(q, "q")).copy()
 
     def bias_torque(self, q: Vector, v: Vector) -> Vector:
         """(n,) N m: C v + g."""
-        return pin.nonLinearEffects(self._model, self._data, self._one(q, "q"), self._one(v, "v")).copy()
+        return pin.nonLinearEffects(self._model, self._data, self.as_vector(q, "q"), self.as_vector(v, "v")).copy()
 
     def coriolis_matrix(self, q: Vector, v: Vector) -> np.ndarray:
         """(n, n) N m s: C of C v, Pinocchio's choice, for which M_dot - 2 C is skew."""
-        return pin.computeCoriolisMatrix(self._model, self._data, self._one(q, "q"), self._one(v, "v")).copy()
+        return pin.computeCoriolisMatrix(self._model, self._data, self.as_vector(q, "q"), self.as_vector(v, "v")).copy()
 
     def forward_dynamics(self, q: Vector, v: Vector, tau: Vector) -> Vector:
         """(n,) rad/s^2: joint accelerations under joint torques tau (n,) N m."""
-        q, v, tau = self._one(q, "q"), self._one(v, "v"), self._one(tau, "tau")
+        q, v, tau = self.as_vector(q, "q"), self.as_vector(v, "v"), self.as_vector(tau, "tau")
         return pin.aba(self._model, self._data, q, v, tau).copy()
 
     def inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
         """(n,) N m: joint torques that give joint accelerations a (n,) rad/s^2."""
-        q, v, a = self._one(q, "q"), self._one(v, "v"), self._one(a, "a")
+        q, v, a = self.as_vector(q, "q"), self.as_vector(v, "v"), self.as_vector(a, "a")
         return pin.rnea(self._model, self._data, q, v, a).copy()
 
     # Arguments
 
-    def _one(self, x: Vector, name: str) -> Vector:
-        """x as (n,) finite floats."""
+    def as_vector(self, x: Vector, name: str) -> Vector:
+        """x as (n,) finite floats; `ValueError` says what `name` should have been."""
         if type(x) is not np.ndarray or x.dtype != float:
             x = _floats(x, name)
         # A finite scalar product means finite entries, at a third of the cost of isfinite().all(); huge entries that
@@ -182,10 +182,10 @@ class Arm:
     def _angles(self, q: Vector) -> Vector:
         """q as (..., n) finite floats."""
         if type(q) is np.ndarray and q.ndim == 1:
-            return self._one(q, "q")
+            return self.as_vector(q, "q")
         q = _floats(q, "q")
         if q.ndim == 1:
-            return self._one(q, "q")
+            return self.as_vector(q, "q")
         if q.ndim == 0 or q.shape[-1] != self.n or not np.isfinite(q).all():
             raise ValueError(f"q: expected (..., {self.n}) finite numbers, got {_seen(q)}")
         return q

@@ -1,0 +1,62 @@
+# Each target does its own set-up in .venv; PYTHON names the interpreter (3.11 or newer) to make it from.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
+OUT ?= out
+
+.PHONY: demo test lint bench notebooks browser clean
+
+demo: .venv/demo
+	$(BIN)/k1607 equations
+	$(BIN)/k1607 reproduce --out $(OUT)
+	$(BIN)/k1607 view --html $(OUT)/k1607.html
+	@echo "Look at $(OUT)/index.html (results and figures) and $(OUT)/k1607.html (the arm in 3-D)."
+
+test: .venv/test browser
+	$(BIN)/pytest -n auto --nbmake tests notebooks
+
+lint: .venv/lint
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: .venv/bench
+	$(BIN)/python benchmarks/bench_kinematics.py
+
+notebooks: .venv/notebooks
+	$(BIN)/jupyter lab notebooks
+
+# A browser for the tests that look at the 3-D page: used if there is one, installed where that needs no question.
+browser:
+	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { \
+	  [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+	  { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium >/dev/null; }; } || \
+	  echo "No Chromium found and none could be installed: the browser tests will be skipped (in CI: will fail)."
+
+.venv/python:
+	$(PYTHON) -m venv .venv
+	touch $@
+
+.venv/demo: .venv/python pyproject.toml constraints.txt
+	$(PIP) -e .
+	touch $@
+
+.venv/test: .venv/python pyproject.toml constraints.txt
+	$(PIP) -e '.[test]'
+	touch $@
+
+.venv/lint: .venv/python pyproject.toml constraints.txt
+	$(PIP) -e '.[lint]'
+	touch $@
+
+.venv/bench: .venv/python pyproject.toml constraints.txt
+	$(PIP) -e '.[benchmarks]'
+	touch $@
+
+.venv/notebooks: .venv/python pyproject.toml constraints.txt
+	$(PIP) -e '.[notebooks]'
+	touch $@
+
+clean:
+	rm -rf .venv $(OUT)

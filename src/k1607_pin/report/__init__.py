@@ -1,0 +1,1 @@
+"""The report itself: its equations checked, its figures and numbers reproduced."""

@@ -1,0 +1,113 @@
+"""A real browser, and pictures of what it shows."""
+
+import io
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+
+SIZE = {"width": 720, "height": 560}
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--no-first-run",
+]
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium. Without one the tests are skipped on a desk, and fail in CI."""
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        reason = f"no browser: none of {', '.join(NAMES)} on the path"
+        if os.environ.get("CI"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    """A fresh page that keeps the address of every request in ``page.requested`` and each error in ``page.errors``."""
+    page = browser.new_page(viewport=SIZE)
+    page.requested, page.errors = [], []
+    page.on("request", lambda request: page.requested.append(request.url))
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def picture(page: Any) -> Callable[[], np.ndarray]:
+    """Takes (height, width, 3) uint8 of the page as it is once drawn, without the viewer's own controls."""
+
+    def take() -> np.ndarray:
+        page.evaluate(
+            """() => new Promise((done) => {
+                viewer.gui.domElement.style.display = "none";
+                viewer.set_dirty();
+                requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done)));
+            })"""
+        )
+        return np.array(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+
+    return take
+
+
+@pytest.fixture
+def pixels_of(page: Any, picture: Callable[[], np.ndarray]) -> Callable[[str], np.ndarray]:
+    """Takes (height, width) bool: the pixels that a node of the scene, by its path, puts on the screen."""
+
+    def take(path: str) -> np.ndarray:
+        def show(visible: bool) -> None:
+            page.evaluate(
+                "([path, visible]) => viewer.set_property(path, 'visible', visible)", [path.split("/"), visible]
+            )
+
+        show(False)
+        without = picture().astype(int)
+        show(True)
+        return np.abs(picture() - without).max(axis=2) > 12
+
+    return take
+
+
+def _shown(mask: np.ndarray) -> bool:
+    """Whether a mask is one large thing, wholly in the picture and around its middle."""
+    labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    if count == 0:
+        return False
+    largest = labels == 1 + np.argmax(np.bincount(labels.flat)[1:])
+    rows, columns = np.nonzero(largest)
+    height, width = mask.shape
+    return bool(
+        largest.sum() > 0.9 * mask.sum()
+        and 0.02 < largest.mean() < 0.5
+        and max(np.ptp(rows) / height, np.ptp(columns) / width) > 0.5
+        and rows.min() > 0
+        and rows.max() < height - 1
+        and columns.min() > 0
+        and columns.max() < width - 1
+        and abs((rows.min() + rows.max()) / 2 / height - 0.5) < 0.1
+        and abs((columns.min() + columns.max()) / 2 / width - 0.5) < 0.1
+    )
+
+
+@pytest.fixture
+def shown() -> Callable[[np.ndarray], bool]:
+    """The check that a mask of pixels is an arm as one wants to see it."""
+    return _shown
