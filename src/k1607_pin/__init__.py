@@ -1,19 +1,22 @@
 """The Robotics Research K-1607 and its 1990 NASA/CUA report, on Pinocchio.
 
-    import k1607_pin as k1607
-    arm = k1607.load_k1607()
-    arm.forward_kinematics(q), arm.jacobian(q), arm.mass_matrix(q)
-    k1607.closed_form.forward_kinematics(q)
+import k1607_pin as k1607
+arm = k1607.load_k1607()
+arm.forward_kinematics(q), arm.jacobian(q), arm.mass_matrix(q)
+k1607.closed_form.forward_kinematics(q)
 """
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics
 from k1607_pin.arm.load import load_example, load_k1607, load_urdf
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
 
 __all__ = [
     "Arm",
+    "InverseKinematics",
     "closed_form",
     "differential",
+    "inverse_kinematics",
     "load_example",
     "load_k1607",
     "load_urdf",

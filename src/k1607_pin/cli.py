@@ -1,11 +1,14 @@
 """The command line: `k1607`."""
 
 import json
+import threading
 import tomllib
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -25,10 +28,13 @@ VERDICT_STYLE = {"holds": "green", "definition": "dim", "misprint": "yellow", "f
 @app.command()
 def urdf(
     out: Annotated[Path, typer.Option(help="Where to write it.")] = Path("urdf/k1607.urdf"),
-    dh: Annotated[Path | None, typer.Option(help="Another arm: a TOML file with [dh] and, if you have them, [limits] and [[link]].")] = None,
+    dh: Annotated[
+        Path | None,
+        typer.Option(help="Another arm: a TOML file with [dh] and, if you have them, [limits] and [[link]]."),
+    ] = None,
     check: Annotated[bool, typer.Option("--check", help="Write nothing; fail if the file is not up to date.")] = False,
 ) -> None:
-    r"""Write a URDF from a modified Denavit-Hartenberg table: Table 1's, or yours.
+    """Write a URDF from a modified Denavit-Hartenberg table: Table 1's, or yours.
 
     \b
     Examples:
@@ -60,7 +66,7 @@ def equations(
     numbers: Annotated[list[int] | None, typer.Argument(help="Which; all when left out.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    r"""Check the report's numbered equations and print the verdicts.
+    """Check the report's numbered equations and print the verdicts.
 
     \b
     Examples:
@@ -81,7 +87,9 @@ def equations(
     for c in checked:
         printed = "lost" if c.verdict == "misprint" and c.printed_residual is None else _number(c.printed_residual)
         style = VERDICT_STYLE[c.verdict]
-        table.add_row(f"({c.number})", c.says, f"[{style}]{c.verdict}[/]", _number(c.residual), printed, f"{c.where}: {c.how}")
+        table.add_row(
+            f"({c.number})", c.says, f"[{style}]{c.verdict}[/]", _number(c.residual), printed, f"{c.where}: {c.how}"
+        )
     console.print(table)
     for c in checked:
         if c.note:
@@ -112,11 +120,65 @@ def reproduce(
     for column in ("quantity", "published", "ours", "unit", "ratio", "verdict"):
         table.add_column(column, justify="right" if column in ("published", "ours", "ratio") else "left")
     for r in results:
-        style = "green" if r.verdict in ("met", "agrees") else "yellow" if r.verdict.startswith("contradicts") else "bold red"
+        style = (
+            "green"
+            if r.verdict in ("met", "agrees")
+            else "yellow"
+            if r.verdict.startswith("contradicts")
+            else "bold red"
+        )
         ratio = "" if r.ratio is None else f"{r.ratio:.3f}"
         table.add_row(r.quantity, str(r.published), f"{r.ours:.4g}", r.unit, ratio, f"[{style}]{r.verdict}[/]")
     console.print(table)
     console.print(f"Figures and page: {out / 'index.html'}", highlight=False)
+
+
+@app.command()
+def view(
+    robot: Annotated[
+        str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
+    ] = "k1607",
+    html: Annotated[
+        Path | None, typer.Option(help="Write one self-contained page to this file, and no server.")
+    ] = None,
+    pose: Annotated[
+        str | None, typer.Option(help="Joint angles in degrees, comma-separated; each joint in turn when left out.")
+    ] = None,
+    frames: Annotated[bool, typer.Option(help="Show the frames.")] = True,
+    host: Annotated[
+        str, typer.Option(help="Address to serve on; the default lets only this machine in.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port of the page; 0 takes a free one.")] = 0,
+) -> None:
+    """Show an arm in 3-D: live in the browser, or as a page that opens offline.
+
+    \b
+    Examples:
+        k1607 view --html k1607.html
+        k1607 view --robot panda
+        k1607 view --pose 20,-30,10,80,0,60,0
+    """
+    from k1607_pin import view as viewer
+    from k1607_pin.arm.load import load_example, load_k1607, load_urdf
+    from k1607_pin.view.demo import each_joint_in_turn
+
+    arm = load_k1607() if robot == "k1607" else load_urdf(robot) if robot.endswith(".urdf") else load_example(robot)
+    times, Q = each_joint_in_turn(arm) if pose is None else (None, _degrees(pose))
+    if html is not None:
+        path = viewer.save_html(arm, html, times, Q, frames=frames)
+        console.print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB): open it in any browser", highlight=False)
+        return
+    with viewer.show(arm, times, Q, frames=frames, host=host, port=port) as live:
+        console.print(f"{arm.name} at {live.url} - press Ctrl-C to stop", highlight=False)
+        with suppress(KeyboardInterrupt):
+            threading.Event().wait()
+
+
+def _degrees(text: str) -> np.ndarray:
+    try:
+        return np.deg2rad([float(x) for x in text.split(",")])
+    except ValueError:
+        raise ValueError(f"--pose: expected numbers in degrees such as 20,-30,10,80,0,60,0, got {text!r}") from None
 
 
 def _number(x: float | None) -> str:
@@ -136,7 +198,7 @@ def main() -> None:
     """Entry point: bad input is one line on standard error, not a traceback."""
     try:
         app()
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         Console(stderr=True).print(f"[bold red]k1607:[/] {error}", highlight=False)
         raise SystemExit(2) from None
 

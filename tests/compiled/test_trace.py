@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from k1607_pin.compiled.trace import numpy_mode, trace
 
-SHAPES = st.lists(st.one_of(st.tuples(st.integers(1, 4)), st.tuples(st.integers(1, 4), st.integers(1, 4))), min_size=1, max_size=3)
+SHAPES = st.lists(
+    st.one_of(st.tuples(st.integers(1, 4)), st.tuples(st.integers(1, 4), st.integers(1, 4))), min_size=1, max_size=3
+)
 
 
 @pytest.fixture(autouse=True)

@@ -5,12 +5,21 @@ from k1607_pin.description import units
 
 def test_factors_are_the_definitions():
     """International inch and pound, exact; the standard gravity that makes a pound a pound-force."""
-    assert units.INCH == units.LENGTH["in"] == pytest.approx(0.0254, rel=1e-15)
-    assert units.LENGTH["ft"] == pytest.approx(12 * 0.0254, rel=1e-15)
-    assert units.LENGTH["mm"] * 1000 == units.LENGTH["cm"] * 100 == units.LENGTH["m"] == 1
-    assert units.POUND == pytest.approx(0.45359237, rel=1e-15)
-    assert units.DEGREE * 180 == pytest.approx(3.141592653589793, rel=1e-15)
-    assert units.POUND_INCH_SECOND2 == pytest.approx(0.45359237 * 9.80665 * 0.0254, rel=1e-15)
+    expected = {
+        units.INCH: 0.0254,
+        units.LENGTH["in"]: 0.0254,
+        units.LENGTH["ft"]: 12 * 0.0254,
+        units.LENGTH["cm"]: 0.01,
+        units.LENGTH["mm"]: 0.001,
+        units.LENGTH["m"]: 1.0,
+        units.POUND: 0.45359237,
+        units.DEGREE: 3.141592653589793 / 180,
+        units.ANGLE["deg"]: 3.141592653589793 / 180,
+        units.ANGLE["rad"]: 1.0,
+        units.POUND_INCH_SECOND2: 0.45359237 * 9.80665 * 0.0254,
+    }
+    for factor, definition in expected.items():
+        assert factor == pytest.approx(definition, rel=1e-15)
 
 
 @pytest.mark.parametrize("unit", ["inch", "", "IN", "deg", None])

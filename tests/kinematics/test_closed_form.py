@@ -172,7 +172,15 @@ class TestBatches:
         q = postures[: closed_form.CHUNK + poses]
         fun = getattr(closed_form, fun)
         out = fun(q)
-        border = {0, 1, closed_form.CHUNK - 1, closed_form.CHUNK, closed_form.CHUNK + 1, 2 * closed_form.CHUNK, len(q) - 1}
+        border = {
+            0,
+            1,
+            closed_form.CHUNK - 1,
+            closed_form.CHUNK,
+            closed_form.CHUNK + 1,
+            2 * closed_form.CHUNK,
+            len(q) - 1,
+        }
         for k in (k for k in border if k < len(q)):
             np.testing.assert_allclose(out[k], fun(q[k]), rtol=0, atol=ULPS)
         shaped = fun(q.reshape(1, len(q), 7))
@@ -199,7 +207,8 @@ class TestBatches:
 
 
 @pytest.mark.parametrize(
-    "q", [0.0, None, [], np.zeros(6), np.zeros(8), np.zeros((7, 6)), [[0.0] * 6] * 7, np.zeros((0, 6)), np.zeros((7, 1))]
+    "q",
+    [0.0, None, [], np.zeros(6), np.zeros(8), np.zeros((7, 6)), [[0.0] * 6] * 7, np.zeros((0, 6)), np.zeros((7, 1))],
 )
 @pytest.mark.parametrize("fun", [closed_form.forward_kinematics, closed_form.jacobian])
 def test_wrong_shapes_are_refused(fun, q):

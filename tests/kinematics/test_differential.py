@@ -65,7 +65,9 @@ class TestPseudoInverse:
     def test_a_diagonal_weight_may_be_given_as_a_vector(self, arm, seed):
         rng = np.random.default_rng(seed)
         J, w = random_jacobian(arm, rng), rng.uniform(0.1, 10, arm.n)
-        np.testing.assert_array_equal(weighted_pseudo_inverse(J, w).matrix, weighted_pseudo_inverse(J, np.diag(w)).matrix)
+        np.testing.assert_array_equal(
+            weighted_pseudo_inverse(J, w).matrix, weighted_pseudo_inverse(J, np.diag(w)).matrix
+        )
 
     @given(seed=SEED, scale=st.floats(1e-6, 1e6))
     def test_the_scale_of_the_weight_does_not_matter(self, arm, seed, scale):
@@ -283,7 +285,9 @@ class TestBadArguments:
             with pytest.raises(ValueError, match=f"W: .*{message}"):
                 call(self.GOOD, W)
 
-    @pytest.mark.parametrize("x", [np.ones(5), np.ones((6, 1)), 1.0, np.array([1, 1, 1, 1, 1, np.nan]), np.full(6, np.inf)])
+    @pytest.mark.parametrize(
+        "x", [np.ones(5), np.ones((6, 1)), 1.0, np.array([1, 1, 1, 1, 1, np.nan]), np.full(6, np.inf)]
+    )
     def test_velocity(self, x):
         with pytest.raises(ValueError, match=r"x_dot: expected \(6,\)"):
             joint_velocity(self.GOOD, x)

@@ -69,21 +69,34 @@ def picture(page: Any) -> Callable[[], np.ndarray]:
 
 
 @pytest.fixture
-def pixels_of(page: Any, picture: Callable[[], np.ndarray]) -> Callable[[str], np.ndarray]:
-    """Takes (height, width) bool: the pixels that a node of the scene, by its path, puts on the screen."""
+def switch(page: Any) -> Callable[[str, bool], None]:
+    """Shows or hides a node of the scene by its path."""
+
+    def switch(path: str, visible: bool) -> None:
+        page.evaluate("([path, on]) => viewer.set_property(path, 'visible', on)", [path.split("/"), visible])
+
+    return switch
+
+
+@pytest.fixture
+def pixels_of(
+    picture: Callable[[], np.ndarray], switch: Callable[[str, bool], None], differ: Callable[..., np.ndarray]
+) -> Callable[[str], np.ndarray]:
+    """Takes (height, width) bool: the pixels that a node of the scene puts on the screen."""
 
     def take(path: str) -> np.ndarray:
-        def show(visible: bool) -> None:
-            page.evaluate(
-                "([path, visible]) => viewer.set_property(path, 'visible', visible)", [path.split("/"), visible]
-            )
-
-        show(False)
-        without = picture().astype(int)
-        show(True)
-        return np.abs(picture() - without).max(axis=2) > 12
+        switch(path, False)
+        without = picture()
+        switch(path, True)
+        return differ(picture(), without)
 
     return take
+
+
+@pytest.fixture
+def differ() -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """(height, width) bool: where two pictures differ by more than noise."""
+    return lambda a, b: np.abs(a.astype(int) - b).max(axis=2) > 12
 
 
 def _shown(mask: np.ndarray) -> bool:

@@ -63,13 +63,14 @@ def test_a_server_that_died_is_reported():
 
 
 def test_the_server_dies_with_its_parent():
-    code = "from k1607_pin.view.live import LiveWindow; import time; w = LiveWindow(); print(w.pid, flush=True); time.sleep(60)"
-    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    code = "from k1607_pin.view.live import LiveWindow; w = LiveWindow(); print(w.pid, flush=True); input()"
+    parent = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     pid = int(parent.stdout.readline())
     assert psutil.pid_exists(pid)
     parent.kill()
     parent.wait()
     parent.stdout.close()
+    parent.stdin.close()
     # Nobody may be there to reap it where tests run in a container: a zombie is dead, too.
     dead = lambda: not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE  # noqa: E731
     assert wait_until(dead)

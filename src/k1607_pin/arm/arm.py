@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -115,7 +116,7 @@ class Arm:
 
     # Kinematics
 
-    def forward_kinematics(self, q: Vector) -> "pin.SE3 | np.ndarray":
+    def forward_kinematics(self, q: Vector) -> Any:
         """T_base_tool as `pinocchio.SE3` [m] for q (n,); for a batch q (..., n), homogeneous matrices (..., 4, 4)."""
         q = self._angles(q)
         if q.ndim > 1:
@@ -142,8 +143,7 @@ class Arm:
 
     def mass_matrix(self, q: Vector) -> np.ndarray:
         """(n, n) kg m^2, symmetric, armature included."""
-        M = pin.crba(self._model, self._data, self.as_vector(q, "q"), pin.Convention.WORLD).copy()
-        return M
+        return pin.crba(self._model, self._data, self.as_vector(q, "q"), pin.Convention.WORLD).copy()
 
     def gravity_torque(self, q: Vector) -> Vector:
         """(n,) N m: what the actuators must hold at rest."""

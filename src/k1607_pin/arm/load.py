@@ -30,7 +30,9 @@ def k1607_urdf() -> Path:
 
 
 def load_k1607(
-    tool_frame: str = "tool", armature: np.ndarray | None = None, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    tool_frame: str = "tool",
+    armature: np.ndarray | None = None,
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
 ) -> Arm:
     """The Robotics Research K-1607.
 
@@ -112,7 +114,9 @@ def _arm(
     tool_frame = tool_frame or model.frames[model.nframes - 1].name
     angles = dict(locked) if isinstance(locked, Mapping) else dict.fromkeys(locked, 0.0)
     if unknown := [joint for joint in angles if not model.existJointName(joint)]:
-        raise ValueError(f"locked: no joint {unknown[0]!r} in {model.name!r}, expected among {', '.join(model.names[1:])}")
+        raise ValueError(
+            f"locked: no joint {unknown[0]!r} in {model.name!r}, expected among {', '.join(model.names[1:])}"
+        )
     carriers = set(model.supports[model.frames[frame_id(model, tool_frame)].parentJoint])
     still = [i for i in range(1, model.njoints) if i not in carriers or model.names[i] in angles]
     if still:

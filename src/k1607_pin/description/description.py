@@ -72,7 +72,7 @@ def from_mapping(table: Mapping[str, Any]) -> ArmDescription:
     )
 
 
-def _limits(table: Mapping[str, Any], n: int) -> dict[str, np.ndarray]:
+def _limits(table: Mapping[str, Any], n: int) -> dict[str, Any]:
     position = _numbers(table.get("position_deg", [[-180.0, 180.0]] * n), (n, 2), "limits", "position_deg")
     velocity = _numbers(table.get("velocity_deg_s", [180.0] * n), (n,), "limits", "velocity_deg_s")
     effort = _numbers(table.get("effort_N_m", [100.0] * n), (n,), "limits", "effort_N_m")

@@ -94,7 +94,9 @@ class DHTable:
         table = np.zeros((len(rows), 4))
         for i, row in enumerate(rows, start=1):
             if isinstance(row, str | bytes | Mapping) or not hasattr(row, "__len__") or len(row) not in (3, 4):
-                raise ValueError(f"D-H table, row {i}: expected (alpha, a, d) or (alpha, a, d, theta_offset), got {row!r}")
+                raise ValueError(
+                    f"D-H table, row {i}: expected (alpha, a, d) or (alpha, a, d, theta_offset), got {row!r}"
+                )
             for column, value in zip(COLUMNS, row, strict=False):
                 if isinstance(value, bool | str) or not np.isscalar(value) or not math.isfinite(value):  # type: ignore[arg-type]
                     raise ValueError(f"D-H table, row {i}, column {column!r}: expected a finite number, got {value!r}")
@@ -109,7 +111,9 @@ class DHTable:
                 raise ValueError(f"D-H table: expected the key {key!r}, got {', '.join(table) or 'nothing'}")
         for key in ("length", "angle"):
             if key not in table["units"]:
-                raise ValueError(f"D-H table, units: expected the key {key!r}, got {', '.join(table['units']) or 'nothing'}")
+                raise ValueError(
+                    f"D-H table, units: expected the key {key!r}, got {', '.join(table['units']) or 'nothing'}"
+                )
         return cls.from_rows(table["rows"], table["units"]["length"], table["units"]["angle"])
 
     def placements(self) -> np.ndarray:

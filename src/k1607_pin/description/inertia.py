@@ -50,7 +50,9 @@ def assemble() -> list[LinkInertia]:
     """The seven links in the report's frames, as published: links 1, 3, 5 and 7 break the triangle inequality."""
     source = data.load("k1607_modules")
     distal = {key.split("_")[0]: value for key, value in source["distal_izz"].items() if key.endswith("_lb_in_s2")}
-    distal |= {key.split("_")[0]: value for key, value in source["distal_izz"]["suspect"].items() if key.endswith("_lb_in_s2")}
+    distal |= {
+        key.split("_")[0]: value for key, value in source["distal_izz"]["suspect"].items() if key.endswith("_lb_in_s2")
+    }
     half_turn = np.diag([-1.0, -1.0, 1.0])  # SAL's frames to the report's
     links = []
     for parts, roll in zip(source["assembly"]["links"], source["assembly"]["distal"], strict=True):

@@ -97,9 +97,7 @@ def terms(c: Any, s: Any, parameters: Parameters) -> Terms:
         a6 * j2 + a5 * h4 + d5 * g4 + a4 * g3 + a3 * f4 + s1 * j3,
         a6 * h5 + a5 * g6 + d5 * f6 + a4 * f5 - a3 * s2 * c3 - a2 * s2 + d3 * c2,
     )
-    return Terms(
-        n, o, a, p, (f1, f2, f3, f4, f5, f6), (g1, g2, g3, g4, g5, g6), (h1, h2, h3, h4, h5), (j1, j2, j3)
-    )
+    return Terms(n, o, a, p, (f1, f2, f3, f4, f5, f6), (g1, g2, g3, g4, g5, g6), (h1, h2, h3, h4, h5), (j1, j2, j3))
 
 
 def transform(t: Terms) -> Any:

@@ -64,7 +64,9 @@ class JointVelocity(NamedTuple):
 RANK_TOLERANCE = 1e-9  # sigma_min / sigma_max at which double precision has lost half its digits in J J^T
 
 
-def weighted_pseudo_inverse(J: np.ndarray, W: np.ndarray | None = None, damping: Damping | None = None) -> PseudoInverse:
+def weighted_pseudo_inverse(
+    J: np.ndarray, W: np.ndarray | None = None, damping: Damping | None = None
+) -> PseudoInverse:
     """W J^T [J W J^T + lambda^2 I]^-1, (n, 6): (22), with W = I (23); lambda = 0 unless ``damping`` says otherwise.
 
     Parameters

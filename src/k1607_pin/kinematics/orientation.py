@@ -18,7 +18,9 @@ def quaternion_by_division(R: Any) -> Any:
     """
     r = entries(R)
     eta = np.sqrt(1 + r[0][0] + r[1][1] + r[2][2]) / 2
-    return vector([eta, (r[2][1] - r[1][2]) / (4 * eta), (r[0][2] - r[2][0]) / (4 * eta), (r[1][0] - r[0][1]) / (4 * eta)])
+    return vector(
+        [eta, (r[2][1] - r[1][2]) / (4 * eta), (r[0][2] - r[2][0]) / (4 * eta), (r[1][0] - r[0][1]) / (4 * eta)]
+    )
 
 
 def quaternion(R: Any) -> Any:

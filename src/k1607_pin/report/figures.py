@@ -19,7 +19,9 @@ INK, RED, GREY = "#1f3b5c", "#c8501e", "#8a9099"
 
 def figure_5(trajectory: TestTrajectory) -> Figure:
     """Errors of x-axis velocities at 10 ms (solid) and 100 ms (asterisks), in/s."""
-    return _error_figure(trajectory, "v_x", 1 / INCH, "error of $v_x$ [in/s]", "Figure 5: errors of x-axis velocities", "*")
+    return _error_figure(
+        trajectory, "v_x", 1 / INCH, "error of $v_x$ [in/s]", "Figure 5: errors of x-axis velocities", "*"
+    )
 
 
 def figure_6(trajectory: TestTrajectory) -> Figure:

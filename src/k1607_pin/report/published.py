@@ -51,7 +51,9 @@ def compare(trajectory: TestTrajectory) -> list[Comparison]:
     rows = []
     for T in PERIODS:
         vx = maximum(one[T], "v_x") / INCH
-        rows.append(_number(f"part1.vx.{T}", f"max error of v_x, {T}", facts["part1"]["vx_max_error_in_s"][T], "in/s", vx))
+        rows.append(
+            _number(f"part1.vx.{T}", f"max error of v_x, {T}", facts["part1"]["vx_max_error_in_s"][T], "in/s", vx)
+        )
     for T in PERIODS:
         wx = maximum(one[T], "omega_x") * 1e3
         published = facts["part1"]["wx_max_error_mrad_s"][T]
@@ -71,7 +73,9 @@ def compare(trajectory: TestTrajectory) -> list[Comparison]:
     for name in ("delta_beta", "delta_gamma"):
         published = facts["part3"][f"{name}_max_error_milli"]
         coarse, fine = (maximum(three[T], name) * 1e3 for T in ("100ms", "10ms"))
-        rows.append(_number(f"part3.{name}.100ms", f"max error of {name}, 100ms", published["100ms"], "thousandths", coarse))
+        rows.append(
+            _number(f"part3.{name}.100ms", f"max error of {name}, 100ms", published["100ms"], "thousandths", coarse)
+        )
         figure_6 = facts["part1"]["wx_max_error_mrad_s"]["100ms"]
         if name == "delta_beta" and published["100ms"] > (1 + WITHIN) * allowed_by_figure_6(figure_6):
             rows[-1] = Comparison(**{**vars(rows[-1]), "verdict": "contradicts figure 6"})
@@ -95,7 +99,9 @@ def compare(trajectory: TestTrajectory) -> list[Comparison]:
     return rows
 
 
-def accuracy_table(trajectory: TestTrajectory, shares: tuple[float, ...] = (0.001, 0.01, 0.05)) -> list[dict[str, float | str]]:
+def accuracy_table(
+    trajectory: TestTrajectory, shares: tuple[float, ...] = (0.001, 0.01, 0.05)
+) -> list[dict[str, float | str]]:
     """Largest sampling period, ms, for an error of v_x and of omega_x below a share of its largest value, by scheme."""
     peak = np.abs(jacobian_velocity(trajectory, times(trajectory, 0.001))).max(axis=0)
     return [

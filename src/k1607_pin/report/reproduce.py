@@ -59,7 +59,11 @@ def _page(trajectory: studies.TestTrajectory, results: list[Comparison]) -> str:
         allowed=published.allowed_by_figure_6(facts["part1"]["wx_max_error_mrad_s"]["100ms"]),
         needed=facts["part3"]["delta_beta_max_error_milli"]["100ms"] * 1e-3 * 4 / published.PERIODS["100ms"] ** 2,
         part_2=[
-            (name, text, *(studies.part_2(trajectory, T, name).attrs["relative_error"] for T in published.PERIODS.values()))
+            (
+                name,
+                text,
+                *(studies.part_2(trajectory, T, name).attrs["relative_error"] for T in published.PERIODS.values()),
+            )
             for name, text in studies.READINGS.items()
         ],
         accuracy=published.accuracy_table(trajectory),

@@ -45,7 +45,7 @@ class LiveWindow:
                 self._process.wait(ANSWER_WITHIN)
                 raise OSError(ready.get("error") or f"the viewer's server did not start: {self._last_words()}")
             self.web_url: str = ready["web_url"]
-            self._socket = zmq.Context.instance().socket(zmq.REQ)
+            self._socket: zmq.Socket = zmq.Context.instance().socket(zmq.REQ)
             self._socket.setsockopt(zmq.LINGER, 0)
             self._socket.setsockopt(zmq.RCVTIMEO, int(1000 * ANSWER_WITHIN))
             self._socket.connect(ready["zmq_url"])

@@ -82,7 +82,7 @@ class Recorder:
         The same drawing gives the same page, byte for byte.
         """
         scene = b"".join(len(data).to_bytes(4, "big") + data for data in self._commands.values())
-        packed = gzip.compress(_anonymous(scene), mtime=0)
+        packed = gzip.compress(anonymous(scene), mtime=0)
         return _PAGE.substitute(
             title=html.escape(title),
             licence=(_VIEWER / "main.min.js.LICENSE.txt").read_text(encoding="utf-8"),
@@ -91,7 +91,7 @@ class Recorder:
         )
 
 
-def _anonymous(scene: bytes) -> bytes:
+def anonymous(scene: bytes) -> bytes:
     """The scene with meshcat's identifiers counted through: they hold the time and this machine's network address."""
     known: dict[bytes, bytes] = {}
     return _UUID.sub(lambda found: known.setdefault(found[0], b"00000000-0000-1000-8000-%012x" % len(known)), scene)
