@@ -1,0 +1,117 @@
+"""The command line, as a user types it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from k1607_pin import cli
+
+ROOT = Path(__file__).parents[1]
+COMMANDS = ("urdf", "equations", "reproduce", "view")
+
+
+def k1607(*arguments: str, **options) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", "k1607_pin.cli", *arguments], capture_output=True, text=True, **options)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_an_example_that_is_a_command(command):
+    text = CliRunner().invoke(cli.app, [command, "--help"]).output
+    assert f"k1607 {command}" in text.split("Options:")[0]
+
+
+def test_committed_urdf_is_up_to_date():
+    result = k1607("urdf", "--check", "--out", str(ROOT / "urdf" / "k1607.urdf"))
+    assert result.returncode == 0, result.stderr
+
+
+def test_urdf_check_fails_on_a_stale_file(tmp_path):
+    stale = tmp_path / "k1607.urdf"
+    stale.write_text("<robot/>")
+    result = k1607("urdf", "--check", "--out", str(stale))
+    assert result.returncode == 2
+    assert "not what the data give" in result.stderr
+    assert stale.read_text() == "<robot/>"
+
+
+def test_urdf_of_one_s_own_table_from_the_help_text(tmp_path):
+    """The example printed by --help, taken from there and run."""
+    text = CliRunner().invoke(cli.app, ["urdf", "--help"]).output
+    example = text[text.index("[dh]") : text.index("Options:")]
+    (tmp_path / "my_arm.toml").write_text("\n".join(line.strip() for line in example.splitlines()))
+    result = k1607("urdf", "--dh", "my_arm.toml", "--out", "my_arm.urdf", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    import k1607_pin
+
+    assert k1607_pin.load_urdf(tmp_path / "my_arm.urdf", "tool").n == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("[dh]\nunits = {length='m', angle='deg'}\nrows = [[0,0,0],[0,nan,0]]", "row 2, column 'a'"),
+        ("[dh]\nunits = {length='furlong', angle='deg'}\nrows = [[0,0,0]]", "furlong"),
+        ("not toml", "not TOML"),
+    ],
+)
+def test_a_bad_table_is_one_line_not_a_traceback(tmp_path, content, words):
+    (tmp_path / "bad.toml").write_text(content)
+    result = k1607("urdf", "--dh", str(tmp_path / "bad.toml"), "--out", str(tmp_path / "bad.urdf"))
+    assert result.returncode == 2
+    assert words in " ".join(result.stderr.split())
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "bad.urdf").exists()
+
+
+def test_equations_as_json():
+    result = k1607("equations", "8", "28", "--json")
+    entries = json.loads(result.stdout)
+    assert [e["number"] for e in entries] == [8, 28]
+    assert {e["verdict"] for e in entries} == {"misprint"}
+
+
+def test_equations_table_counts_the_verdicts():
+    result = k1607("equations")
+    assert result.returncode == 0
+    assert "19 holds, 9 definition, 10 misprint, 0 fails" in result.stdout
+
+
+def test_unknown_equation():
+    result = k1607("equations", "99")
+    assert result.returncode == 2
+    assert "from 1 to 38" in " ".join(result.stderr.split())
+
+
+def test_reproduce_as_json(tmp_path):
+    result = k1607("reproduce", "--out", str(tmp_path), "--json")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout) == json.loads((tmp_path / "results.json").read_text())
+
+
+def test_view_writes_a_page(tmp_path):
+    result = k1607("view", "--html", "arm.html", "--pose", "20,-30,10,80,0,60,0", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "arm.html").stat().st_size > 100_000
+
+
+def test_view_refuses_a_bad_pose():
+    assert "--pose: expected numbers" in " ".join(k1607("view", "--pose", "1,x").stderr.split())
+    assert "(7,)" in k1607("view", "--pose", "1,2").stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_view_serves_until_interrupted():
+    process = subprocess.Popen([sys.executable, "-u", "-m", "k1607_pin.cli", "view"], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert "http://127.0.0.1:" in line
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=20) == 0
