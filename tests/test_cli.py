@@ -18,7 +18,9 @@ COMMANDS = ("urdf", "equations", "reproduce", "view")
 
 
 def k1607(*arguments: str, **options) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, "-m", "k1607_pin.cli", *arguments], capture_output=True, text=True, **options)
+    return subprocess.run(
+        [sys.executable, "-m", "k1607_pin.cli", *arguments], capture_output=True, text=True, **options
+    )
 
 
 @pytest.mark.parametrize("command", COMMANDS)

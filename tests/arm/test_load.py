@@ -9,7 +9,7 @@ from k1607_pin import data
 from k1607_pin.arm.load import TOOL_FRAMES, k1607_urdf
 
 HEAD = '<?xml version="1.0"?><robot name="test">'
-BODY = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+BODY = '<inertial><origin xyz="0 0.3 0.2"/><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
 
 def joint(name, parent, child, kind="revolute"):

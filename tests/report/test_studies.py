@@ -32,7 +32,9 @@ def test_part_1_error_is_half_the_period_times_the_acceleration(motion):
     T = 1e-3
     result = studies.part_1(motion, T)
     h = 1e-4
-    a = (studies.jacobian_velocity(motion, result.time + h) - studies.jacobian_velocity(motion, result.time - h)) / (2 * h)
+    a = (studies.jacobian_velocity(motion, result.time + h) - studies.jacobian_velocity(motion, result.time - h)) / (
+        2 * h
+    )
     assert np.abs(result.error - T / 2 * a).max() < T * T * np.abs(a).max() * 10
 
 
@@ -54,7 +56,8 @@ def test_orders_of_differencing(motion):
 
 def test_the_exact_rotation_vector_helps_central_differences(motion):
     central, exact = (
-        studies.worst_error(motion, 0.05, studies.SCHEMES[f"central, {way}"])[3] for way in ("eq. (35)", "rotation vector")
+        studies.worst_error(motion, 0.05, studies.SCHEMES[f"central, {way}"])[3]
+        for way in ("eq. (35)", "rotation vector")
     )
     assert exact < 0.75 * central
 

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space
+from k1607_pin.kinematics.differential import RANK_TOLERANCE, Damping, SingularJacobianError
+
 Vector = np.ndarray
 
 
@@ -166,6 +169,43 @@ class Arm:
         """(n,) N m: joint torques that give joint accelerations a (n,) rad/s^2."""
         q, v, a = self.as_vector(q, "q"), self.as_vector(v, "v"), self.as_vector(a, "a")
         return pin.rnea(self._model, self._data, q, v, a).copy()
+
+    def jacobian_time_variation(self, q: Vector, v: Vector) -> np.ndarray:
+        """(6, n) dJ/dt of the tool frame along v, base axes."""
+        q, v, data = self.as_vector(q, "q"), self.as_vector(v, "v"), self._data
+        pin.computeJointJacobiansTimeVariation(self._model, data, q, v)
+        pin.updateFramePlacement(self._model, data, self._tool_id)
+        return pin.getFrameJacobianTimeVariation(self._model, data, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+
+    def operational_space(self, q: Vector, v: Vector, damping: Damping | None = None) -> OperationalSpace:
+        """Lambda, Phi, Gamma, J_bar of (39) at the tool, and what the null space adds; q, v (n,).
+
+        x is the tool's position and rotation vector. ``damping`` says when, and how much, to damp near a singularity, by the
+        smallest singular value of J; without it a singular posture is refused.
+
+        Raises
+        ------
+        SingularJacobianError
+            J without full row rank (always, for fewer than six joints), and no damping.
+        """
+        q, v = self.as_vector(q, "q"), self.as_vector(v, "v")
+        J = self.jacobian(q)
+        sigma = np.linalg.svd(J, compute_uv=False)
+        sigma_min = float(sigma[-1]) if self.n >= 6 else 0.0
+        if damping is None and sigma_min <= RANK_TOLERANCE * sigma[0]:
+            raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0]))
+        T = self.forward_kinematics(q)
+        return operational_space(
+            self.mass_matrix(q),
+            self.coriolis_matrix(q, v),
+            self.gravity_torque(q),
+            J,
+            self.jacobian_time_variation(q, v),
+            np.concatenate([T.translation, pin.log3(T.rotation)]),
+            v,
+            sigma_min,
+            damping.at(sigma_min) if damping else 0.0,
+        )
 
     # Arguments
 

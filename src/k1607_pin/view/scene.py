@@ -56,6 +56,7 @@ class Scene:
         self._visualizer.initViewer(viewer=self.viewer)
         self._visualizer.loadViewerModel(rootNodeName="arm")
         self._frames = self._tracked_frames()
+        self._outlines = [_outline(part.geometry) for part in self._visual.geometryObjects]
         self._size = float(np.ptp(self._extent(pose(arm)), axis=0).max()) or 1.0  # m
         self._animated = False
         self._set_stage()
@@ -161,8 +162,7 @@ class Scene:
         placed = self._visualizer.visual_data
         pin.updateGeometryPlacements(self._model, self._visualizer.data, self._visual, placed)
         boxes = [
-            _outline(part.geometry) @ placed.oMg[i].rotation.T + placed.oMg[i].translation
-            for i, part in enumerate(self._visual.geometryObjects)
+            points @ placed.oMg[i].rotation.T + placed.oMg[i].translation for i, points in enumerate(self._outlines)
         ]
         return np.vstack([origins, *boxes])
 
