@@ -78,7 +78,8 @@ def batches(console: Console) -> None:
     ratio = rounds[:, 1] / rounds[:, 0]
     console.print(
         f"{POSES:,} poses: batched closed form {ours.median / POSES * 1e9:.0f} ns a pose, Python loop over Pinocchio "
-        f"{python.median / POSES * 1e9:.0f} ns: [bold]{np.median(ratio):.1f} times[/] (min {ratio.min():.1f}, max {ratio.max():.1f})"
+        f"{python.median / POSES * 1e9:.0f} ns: [bold]{np.median(ratio):.1f} times[/] "
+        f"(min {ratio.min():.1f}, max {ratio.max():.1f})"
     )
 
 
@@ -88,11 +89,10 @@ def compiled(console: Console) -> None:
     table = Table(title="Forward kinematics: operations, and time compiled to C (-O3, one pose a call)")
     for column in ("form", "x", "+", "sin, cos", "ns"):
         table.add_column(column, justify="left" if column == "form" else "right")
+    _, _, folded, closed, _ = count()
     traced = {
-        "product (3), zeros of Table 1 folded, traced, common subexpressions shared": lambda q: (
-            product.forward_kinematics(table_1(), q)
-        ),
-        "closed form, traced, common subexpressions shared": closed_form.forward_kinematics,
+        folded.form: lambda q: product.forward_kinematics(table_1(), q),
+        closed.form: closed_form.forward_kinematics,
     }
     times = {}
     if compiler:

@@ -122,10 +122,7 @@ def _distance(result: InverseKinematics) -> float:
 
 
 def _pose(target: "pin.SE3 | np.ndarray") -> pin.SE3:
-    if isinstance(target, pin.SE3):
-        T = target.homogeneous
-    else:
-        T = np.asarray(target, dtype=float)
+    T = target.homogeneous if isinstance(target, pin.SE3) else np.asarray(target, dtype=float)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise ValueError(f"target: expected a pinocchio.SE3 or a finite (4, 4) matrix, got shape {T.shape}")
     R = T[:3, :3]

@@ -103,7 +103,7 @@ def rotation_vector(R: Any) -> Any:
 
 
 def differential_rotation(R: Any) -> Any:
-    """(..., 3) rad: delta_x, delta_y, delta_z of a small rotation R (..., 3, 3), read off as (35)-(36) do, with (1, 3) = +delta_y."""
+    """(..., 3) rad: delta_x, delta_y, delta_z of a small rotation R (..., 3, 3), read off as in (35)-(36), mended."""
     r = entries(R)
     return vector([(r[2][1] - r[1][2]) / 2, (r[0][2] - r[2][0]) / 2, (r[1][0] - r[0][1]) / 2])
 

@@ -21,7 +21,7 @@ COMPONENTS = [f"v_{a}" for a in "xyz"] + [f"omega_{a}" for a in "xyz"]
 
 @dataclass(frozen=True)
 class TestTrajectory:
-    """theta_i(t) = centre_i + amplitude_i sin(2 pi f t + phase_i): the test joint trajectories, which the report keeps to itself."""
+    """theta_i(t) = centre_i + amplitude_i sin(2 pi f t + phase_i): the test joint trajectories, not given in the report."""
 
     __test__ = False  # not a pytest class
 
