@@ -22,6 +22,14 @@ def listening(pid):
     return [c.laddr for c in psutil.Process(pid).net_connections("inet") if c.status == psutil.CONN_LISTEN]
 
 
+def is_dead(pid):
+    """Gone, or not yet reaped: in a container there may be nobody to do so."""
+    try:
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
 def wait_until(condition, seconds=10.0):
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
@@ -57,7 +65,7 @@ def test_a_server_that_died_is_reported():
     with LiveWindow() as window:
         scene = view.LiveView(view.Scene(k1607.load_k1607(), window), window)
         os.kill(window.pid, signal.SIGKILL)
-        assert wait_until(lambda: psutil.Process(window.pid).status() == psutil.STATUS_ZOMBIE)
+        # At once: the system may still be taking the process apart, and a send must notice when it is done.
         with pytest.raises(RuntimeError, match="closed"):
             scene.display(np.zeros(7))
 
@@ -71,9 +79,7 @@ def test_the_server_dies_with_its_parent():
     parent.wait()
     parent.stdout.close()
     parent.stdin.close()
-    # Nobody may be there to reap it where tests run in a container: a zombie is dead, too.
-    dead = lambda: not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE  # noqa: E731
-    assert wait_until(dead)
+    assert wait_until(lambda: is_dead(pid))
 
 
 def test_a_taken_port_is_a_clear_error():

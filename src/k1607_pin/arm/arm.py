@@ -1,5 +1,6 @@
 """`Arm`: a fixed-base serial arm on Pinocchio, immutable to its user and safe to use from threads."""
 
+import math
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -34,7 +35,8 @@ class Arm:
         self._shape = (self._n,)
         self._tool_frame = tool_frame
         self._tool_id = frame_id(model, tool_frame)
-        self._visual_model, self._collision_model = visual_model, collision_model
+        self._visual_model = visual_model and visual_model.copy()
+        self._collision_model = collision_model and collision_model.copy()
         self._local = threading.local()
 
     @property
@@ -115,7 +117,7 @@ class Arm:
         """(*size, n) joint angles, uniform within the limits (within ±180° where there are none)."""
         lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        return rng.uniform(lower, upper, (*np.atleast_1d(size).astype(int), self.n) if size != () else self.n)
+        return rng.uniform(lower, upper, (*((size,) if np.ndim(size) == 0 else size), self.n))
 
     # Kinematics
 
@@ -140,7 +142,8 @@ class Arm:
         q = self._angles(q)
         if q.ndim > 1:
             return self._batch(self.jacobian, q, (6, self.n))
-        return pin.computeFrameJacobian(self._model, self._data, q, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+        J = pin.computeFrameJacobian(self._model, self._data, q, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+        return J.reshape(6, self.n)  # Pinocchio hands back (6,) for one joint
 
     # Dynamics
 
@@ -175,7 +178,8 @@ class Arm:
         q, v, data = self.as_vector(q, "q"), self.as_vector(v, "v"), self._data
         pin.computeJointJacobiansTimeVariation(self._model, data, q, v)
         pin.updateFramePlacement(self._model, data, self._tool_id)
-        return pin.getFrameJacobianTimeVariation(self._model, data, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+        J_dot = pin.getFrameJacobianTimeVariation(self._model, data, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+        return J_dot.reshape(6, self.n)
 
     def operational_space(self, q: Vector, v: Vector, damping: Damping | None = None) -> OperationalSpace:
         """Lambda, Phi, Gamma, J_bar of (39) at the tool, and what the null space adds; q, v (n,).
@@ -213,9 +217,8 @@ class Arm:
         """x as (n,) finite floats; `ValueError` says what `name` should have been."""
         if type(x) is not np.ndarray or x.dtype != float:
             x = _floats(x, name)
-        # A finite scalar product means finite entries, at a third of the cost of isfinite().all(); huge entries that
-        # overflow it are looked at one by one.
-        if x.shape != self._shape or not (x.dot(x) < np.inf or np.isfinite(x).all()):
+        # Number by number: for so few, a third of the cost of np.isfinite(x).all().
+        if x.shape != self._shape or not all(map(math.isfinite, x.tolist())):
             raise ValueError(f"{name}: expected ({self.n},) finite numbers, got {_seen(x)}")
         return x
 
@@ -254,6 +257,8 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 def _floats(x: Vector, name: str) -> Vector:
     try:
+        if np.iscomplexobj(x):
+            raise TypeError
         return np.array(x, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected numbers, got {x!r}") from None

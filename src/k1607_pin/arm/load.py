@@ -17,7 +17,6 @@ TOOL_FRAMES = {
     "ur5": "tool0",
     "ur10": "tool0",
     "xarm7": "link_eef",
-    "kinova": "j2s6s200_end_effector",
     "z1": "gripperStator",
 }
 """Tool frames of well-known robots of example-robot-data."""
@@ -121,20 +120,39 @@ def _arm(
     still = [i for i in range(1, model.njoints) if i not in carriers or model.names[i] in angles]
     if still:
         q = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
-        for joint, angle in angles.items():
-            q[model.joints[model.getJointId(joint)].idx_q] = angle
+        for name, angle in angles.items():
+            joint = model.joints[model.getJointId(name)]
+            turn = np.zeros(model.nv)
+            turn[joint.idx_v] = _angle(name, angle)
+            there = pin.integrate(model, pin.neutral(model), turn)  # a continuous joint has two coordinates
+            q[joint.idx_q : joint.idx_q + joint.nq] = there[joint.idx_q : joint.idx_q + joint.nq]
         model, (visual, collision) = pin.buildReducedModel(model, [visual, collision], still, q)
     else:
         model = pin.Model(model)
     for placement in model.jointPlacements:
         placement.rotation = exact(placement.rotation)
-    g = np.asarray(gravity, dtype=float)
+    g = _numbers(gravity)
     if g.shape != (3,) or not np.isfinite(g).all():
         raise ValueError(f"gravity: expected (3,) finite numbers in m/s^2, got {gravity!r}")
     model.gravity = pin.Motion(g, np.zeros(3))
     if armature is not None:
-        armature = np.asarray(armature, dtype=float)
+        armature = _numbers(armature)
         if armature.shape != (model.nv,) or not np.isfinite(armature).all() or (armature < 0).any():
             raise ValueError(f"armature: expected ({model.nv},) numbers >= 0 in kg m^2, got {armature!r}")
         model.armature = armature
     return Arm(model, tool_frame, visual, collision)
+
+
+def _angle(joint: str, angle: float) -> float:
+    value = _numbers(angle)
+    if value.shape != () or not np.isfinite(value):
+        raise ValueError(f"locked: expected a finite angle in rad for {joint!r}, got {angle!r}")
+    return float(value)
+
+
+def _numbers(x: object) -> np.ndarray:
+    """x as floats; NaN, which the caller refuses by name, for what is none."""
+    try:
+        return np.array(x, dtype=float)
+    except (TypeError, ValueError):
+        return np.array(np.nan)

@@ -98,7 +98,7 @@ class DHTable:
                     f"D-H table, row {i}: expected (alpha, a, d) or (alpha, a, d, theta_offset), got {row!r}"
                 )
             for column, value in zip(COLUMNS, row, strict=False):
-                if isinstance(value, bool | str) or not np.isscalar(value) or not math.isfinite(value):  # type: ignore[arg-type]
+                if not _is_finite_number(value):
                     raise ValueError(f"D-H table, row {i}, column {column!r}: expected a finite number, got {value!r}")
             table[i - 1, : len(row)] = row
         return cls(*(table * [to_rad, to_m, to_m, to_rad]).T.copy())
@@ -141,6 +141,15 @@ class DHTable:
                 f"joint {gap.argmax() + 1}: its placement is not of the form of a modified D-H row (off by {gap.max():.1e})"
             )
         return table
+
+
+def _is_finite_number(value: Any) -> bool:
+    if isinstance(value, bool | np.bool_ | str | bytes) or not np.isscalar(value):
+        return False
+    try:
+        return math.isfinite(value)  # type: ignore[arg-type]
+    except (TypeError, OverflowError):  # complex numbers; whole numbers beyond any float
+        return False
 
 
 def table_1() -> DHTable:

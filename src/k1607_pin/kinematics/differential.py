@@ -84,14 +84,14 @@ def weighted_pseudo_inverse(
         J without full row rank, and no damping.
     """
     J = np.asarray(J, dtype=float)
-    if J.ndim != 2 or not np.isfinite(J).all():
+    if J.ndim != 2 or J.shape[0] != 6 or not np.isfinite(J).all():
         raise ValueError(f"J: expected a finite (6, n) Jacobian, got shape {J.shape}")
     L = _square_root(W, J.shape[1])
     # The pseudo-inverse of J L, by singular values: J J^T, whose condition is the square of J's, is never formed.
     U, sigma, Vt = np.linalg.svd(J @ L, full_matrices=False)
     sigma_min = float(sigma[-1]) if J.shape[1] >= J.shape[0] else 0.0
     lam = damping.at(sigma_min) if damping else 0.0
-    if not damping and sigma_min <= RANK_TOLERANCE * sigma[0]:
+    if lam == 0 and sigma_min <= RANK_TOLERANCE * sigma[0]:
         raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0]))
     inverse = L @ (Vt.T * (sigma / (sigma * sigma + lam * lam))) @ U.T
     return PseudoInverse(inverse, sigma_min, lam)
@@ -112,6 +112,7 @@ def joint_velocity(
     end-effector at rest is added (`k1607_pin.kinematics.nullspace` has ready choices); W, damping : see
     `weighted_pseudo_inverse`, whose errors are raised here too.
     """
+    J = np.asarray(J, dtype=float)
     inverse = weighted_pseudo_inverse(J, W, damping)
     n = J.shape[1]
     x_dot = _vector(x_dot, 6, "x_dot")

@@ -14,9 +14,11 @@ def limit_centring(q: np.ndarray, lower: np.ndarray, upper: np.ndarray, gain: fl
     q, lower, upper : (n,) rad; joints without limits (infinite range) are left alone; gain : 1/s.
     """
     limited = np.isfinite(lower) & np.isfinite(upper)
-    z = np.zeros_like(q)
-    span, middle = (upper - lower)[limited], (upper + lower)[limited] / 2
-    z[limited] = -gain * (q[limited] - middle) / (span * span) * np.mean(span * span)
+    z = np.zeros(len(q))
+    if limited.any():
+        low, high = lower[limited], upper[limited]
+        span = high - low
+        z[limited] = -gain * (q[limited] - (low + high) / 2) / (span * span) * np.mean(span * span)
     return z
 
 

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 import weakref
 from pathlib import Path
 from typing import IO, Any, Self
@@ -47,7 +48,6 @@ class LiveWindow:
             self.web_url: str = ready["web_url"]
             self._socket: zmq.Socket = zmq.Context.instance().socket(zmq.REQ)
             self._socket.setsockopt(zmq.LINGER, 0)
-            self._socket.setsockopt(zmq.RCVTIMEO, int(1000 * ANSWER_WITHIN))
             self._socket.connect(ready["zmq_url"])
         except BaseException:
             self._finalizer()
@@ -60,14 +60,15 @@ class LiveWindow:
 
     def send(self, command: Any) -> None:
         """Draw one meshcat command; RuntimeError if the server is gone."""
-        if self._process.poll() is not None:
-            raise RuntimeError(f"the viewer at {self.web_url} is closed {self._last_words()}".strip())
+        self._require_alive()
         data = command.lower()
         self._socket.send_multipart([data["type"].encode(), data["path"].encode(), umsgpack.packb(data)])
-        try:
-            answer = self._socket.recv()
-        except zmq.Again:
-            raise RuntimeError(f"the viewer at {self.web_url} does not answer {self._last_words()}".strip()) from None
+        end = time.monotonic() + ANSWER_WITHIN
+        while not self._socket.poll(200):  # ms
+            self._require_alive()
+            if time.monotonic() > end:
+                raise RuntimeError(f"the viewer at {self.web_url} does not answer {self._last_words()}".strip())
+        answer = self._socket.recv()
         if answer != b"ok":
             raise RuntimeError(f"the viewer at {self.web_url} answered {answer.decode()!r}")
 
@@ -82,6 +83,10 @@ class LiveWindow:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _require_alive(self) -> None:
+        if self._process.poll() is not None:
+            raise RuntimeError(f"the viewer at {self.web_url} is closed {self._last_words()}".strip())
 
     def _last_words(self) -> str:
         """The last line the server wrote that is an error, or nothing."""
