@@ -117,7 +117,8 @@ class Arm:
         """(*size, n) joint angles, uniform within the limits (within ±180° where there are none)."""
         lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        return rng.uniform(lower, upper, (*((size,) if np.ndim(size) == 0 else size), self.n))
+        shape = size if isinstance(size, tuple) else (int(size),)
+        return rng.uniform(lower, upper, (*shape, self.n))
 
     # Kinematics
 

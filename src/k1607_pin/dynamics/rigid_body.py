@@ -101,7 +101,7 @@ def mass_matrix(bodies: Sequence[Body], q: Any) -> Any:
         rows[i][i] = where.screws[i] @ force + bodies[i].armature
         j = bodies[i].parent
         if j >= 0:
-            composite[j] = tuple(x + y for x, y in zip(composite[j], composite[i], strict=True))  # type: ignore[assignment]
+            composite[j] = tuple(x + y for x, y in zip(composite[j], composite[i], strict=True))
         while j >= 0:
             rows[i][j] = rows[j][i] = where.screws[j] @ force
             j = bodies[j].parent
