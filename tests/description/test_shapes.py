@@ -35,8 +35,10 @@ def test_mirror_repeats_on_the_other_side():
     table = data.load("k1607")["shapes"]
     mirrored = sum("mirror" in entry for entry in table["list"])
     assert len(shapes_from(table)) == len(table["list"]) + mirrored
-    cheeks = [shape for shape in shapes_from(table) if shape.link == "link1" and shape.part == "fork"][:2]
-    np.testing.assert_array_equal(cheeks[0].pose[:3, 3], cheeks[1].pose[:3, 3] * [1, -1, 1])
+    entry = {"part": "p", "link": "l", "box": [1.0, 2.0, 3.0], "at": [0.1, 0.2, 0.3], "mirror": "y"}
+    one, other = shapes_from({"units": "m", "list": [entry], "colours": {"p": [0, 0, 0, 1]}})
+    np.testing.assert_array_equal(one.pose[:3, 3], [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(other.pose[:3, 3], [0.1, -0.2, 0.3])
 
 
 @pytest.mark.parametrize(("along", "axis"), [("x", 0), ("y", 1), ("z", 2)])
