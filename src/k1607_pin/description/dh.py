@@ -28,26 +28,31 @@ def link_transform(c: Any, s: Any, cos_alpha: Any, sin_alpha: Any, a: Any, d: An
     c, s : cosine and sine of theta_i; cos_alpha, sin_alpha, a, d : alpha_{i-1}, a_{i-1}, d_i [m].
     Numbers, arrays of equal shape, traced symbols or exact polynomials alike.
     """
-    zero = 0 * c
-    rows = [
-        [c, -s, zero, zero + a],
-        [s * cos_alpha, c * cos_alpha, zero - sin_alpha, zero - d * sin_alpha],
-        [s * sin_alpha, c * sin_alpha, zero + cos_alpha, zero + d * cos_alpha],
-        [zero, zero, zero, zero + 1],
-    ]
-    return matrix(rows)
+    return matrix(
+        [
+            [c, -s, 0, a],
+            [s * cos_alpha, c * cos_alpha, -sin_alpha, -d * sin_alpha],
+            [s * sin_alpha, c * sin_alpha, cos_alpha, d * cos_alpha],
+            [0, 0, 0, 1],
+        ]
+    )
 
 
-def matrix(rows: Sequence[Sequence[Any]]) -> Any:
-    """(..., m, k) from m rows of k entries of equal shape (...)."""
+def matrix(rows: Sequence[Sequence[Any]], out: np.ndarray | None = None) -> Any:
+    """(..., m, k) from m rows of k entries, the first of shape (...), each other of that shape or a constant.
+
+    A batch of numbers is written to ``out`` where given.
+    """
     first = rows[0][0]
     if isinstance(first, np.ndarray) and first.dtype == float:  # a batch of numbers: written in place, 3 times faster
-        out = np.empty((*first.shape, len(rows), len(rows[0])))
+        if out is None:
+            out = np.empty((*first.shape, len(rows), len(rows[0])))
         for i, row in enumerate(rows):
             for j, entry in enumerate(row):
                 out[..., i, j] = entry
         return out
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    zero = 0 * first
+    return np.stack([np.stack([zero + entry for entry in row], axis=-1) for row in rows], axis=-2)
 
 
 @dataclass(frozen=True)

@@ -65,19 +65,21 @@ def terms(c: Any, s: Any, parameters: Parameters) -> Terms:
     s1, s2, s3, s4, s5, s6, s7 = s
     a2, a3, a4, a5, a6, d3, d5 = parameters
 
-    f1 = -c1 * c2 * s3 - s1 * c3  # (8)
-    f2 = c1 * c2 * c3 - s1 * s3
-    f3 = -s1 * c2 * s3 + c1 * c3
-    f4 = s1 * c2 * c3 + c1 * s3
-    f5 = -s2 * c3 * c4 - c2 * s4
-    f6 = -s2 * c3 * s4 + c2 * c4
+    c1c2, s1c2, c1s2, s1s2, s2s3, s2c3 = c1 * c2, s1 * c2, c1 * s2, s1 * s2, s2 * s3, s2 * c3
 
-    g1 = c4 * f2 - c1 * s2 * s4  # (9)
-    g2 = s4 * f2 + c1 * s2 * c4
-    g3 = c4 * f4 - s1 * s2 * s4
-    g4 = s4 * f4 + s1 * s2 * c4
-    g5 = c5 * s2 * s3 - s5 * f5
-    g6 = s5 * s2 * s3 + c5 * f5
+    f1 = -c1c2 * s3 - s1 * c3  # (8)
+    f2 = c1c2 * c3 - s1 * s3
+    f3 = c1 * c3 - s1c2 * s3
+    f4 = s1c2 * c3 + c1 * s3
+    f5 = -s2c3 * c4 - c2 * s4
+    f6 = c2 * c4 - s2c3 * s4
+
+    g1 = c4 * f2 - c1s2 * s4  # (9)
+    g2 = s4 * f2 + c1s2 * c4
+    g3 = c4 * f4 - s1s2 * s4
+    g4 = s4 * f4 + s1s2 * c4
+    g5 = c5 * s2s3 - s5 * f5
+    g6 = s5 * s2s3 + c5 * f5
 
     h1 = c5 * f1 - s5 * g1  # (10)
     h2 = s5 * f1 + c5 * g1
@@ -95,16 +97,14 @@ def terms(c: Any, s: Any, parameters: Parameters) -> Terms:
     p = (
         a6 * j1 + a5 * h2 + d5 * g2 + a4 * g1 + a3 * f2 + c1 * j3,
         a6 * j2 + a5 * h4 + d5 * g4 + a4 * g3 + a3 * f4 + s1 * j3,
-        a6 * h5 + a5 * g6 + d5 * f6 + a4 * f5 - a3 * s2 * c3 - a2 * s2 + d3 * c2,
+        a6 * h5 + a5 * g6 + d5 * f6 + a4 * f5 - a3 * s2c3 - a2 * s2 + d3 * c2,
     )
     return Terms(n, o, a, p, (f1, f2, f3, f4, f5, f6), (g1, g2, g3, g4, g5, g6), (h1, h2, h3, h4, h5), (j1, j2, j3))
 
 
-def transform(t: Terms) -> Any:
-    """(..., 4, 4), eq. (4)."""
-    zero = 0 * t.n[0]
-    rows = [[t.n[i], t.s[i], t.a[i], t.p[i]] for i in range(3)]
-    return matrix([*rows, [zero, zero, zero, zero + 1]])
+def transform(t: Terms, out: np.ndarray | None = None) -> Any:
+    """(..., 4, 4), eq. (4); written to ``out`` where given."""
+    return matrix([*([t.n[i], t.s[i], t.a[i], t.p[i]] for i in range(3)), [0, 0, 0, 1]], out)
 
 
 def jacobian_columns(c: Any, s: Any, t: Terms, parameters: Parameters) -> list[list[Any]]:
@@ -150,7 +150,7 @@ def forward_kinematics(q: Any) -> Any:
     ValueError
         q is not of shape (..., 7).
     """
-    return _batched(lambda c, s: transform(terms(c, s, parameters())), q, (4, 4))
+    return _batched(lambda c, s, out: transform(terms(c, s, parameters()), out), q, (4, 4))
 
 
 def jacobian(q: Any) -> Any:
@@ -162,26 +162,26 @@ def jacobian(q: Any) -> Any:
         q is not of shape (..., 7).
     """
 
-    def columns(c: Any, s: Any) -> Any:
+    def columns(c: Any, s: Any, out: np.ndarray | None) -> Any:
         rows = zip(*jacobian_columns(c, s, terms(c, s, parameters()), parameters()), strict=True)
-        return matrix([list(row) for row in rows])
+        return matrix([list(row) for row in rows], out)
 
     return _batched(columns, q, (6, 7))
 
 
-CHUNK = 2048  # poses whose intermediate results stay in a core's cache
+CHUNK = 5000  # poses: many enough to forget the cost of a call, few enough for a core's cache
 
 
-def _batched(fun: Callable[[Any, Any], Any], q: Any, shape: tuple[int, int]) -> Any:
-    """``fun`` of the cosines and sines of q, a chunk of the batch at a time."""
+def _batched(fun: Callable[[Any, Any, np.ndarray | None], Any], q: Any, shape: tuple[int, int]) -> Any:
+    """``fun`` of the cosines and sines of q, a chunk of the batch at a time, each written where it belongs."""
     if isinstance(q, list | tuple):
         q = np.array(q, dtype=float)
     if not np.ndim(q) or q.shape[-1] != 7:
         raise ValueError(f"q: expected joint angles in rad of shape (..., 7), got shape {np.shape(q)}")
     if not isinstance(q, np.ndarray) or q.size <= 7 * CHUNK:
-        return fun(*cosines_and_sines(q))
+        return fun(*cosines_and_sines(q), None)
     flat = q.reshape(-1, 7)
     out = np.empty((len(flat), *shape))
     for k in range(0, len(flat), CHUNK):
-        out[k : k + CHUNK] = fun(*cosines_and_sines(flat[k : k + CHUNK]))
+        fun(*cosines_and_sines(flat[k : k + CHUNK]), out[k : k + CHUNK])
     return out.reshape(*q.shape[:-1], *shape)

@@ -23,6 +23,17 @@ class Links(Protocol):
 
 def cosines_and_sines(q: Any) -> tuple[list[Any], list[Any]]:
     """n cosines and n sines, (...) each, of joint angles q (..., n) rad."""
+    if isinstance(q, np.ndarray) and q.ndim > 1 and q.dtype == float:
+        # A batch: with t = tan(angle/2) and r = 2 / (1 + t^2), cos = r - 1 and sin = t r, to 2e-16. NumPy has vector code for
+        # the tangent and none for sine and cosine, which makes this several times faster. Written in place: memory decides.
+        t = np.multiply(np.moveaxis(q, -1, 0), 0.5, out=np.empty((q.shape[-1], *q.shape[:-1])))
+        np.tan(t, out=t)
+        r = t * t
+        r += 1
+        np.divide(2, r, out=r)
+        t *= r
+        r -= 1
+        return list(r), list(t)
     angles = components(q)
     return [np.cos(x) for x in angles], [np.sin(x) for x in angles]
 
