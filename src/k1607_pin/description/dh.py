@@ -18,7 +18,7 @@ def exact(x: np.ndarray) -> np.ndarray:
 
     cos(90°) evaluates to 6e-17; as an exact 0 it vanishes from traced expressions and from written files.
     """
-    whole = np.round(x)
+    whole = np.clip(np.round(x), -1, 1)
     return np.where(np.abs(x - whole) <= 4 * np.finfo(float).eps, whole + 0.0, x)
 
 
