@@ -27,7 +27,9 @@ VERDICT_STYLE = {"holds": "green", "definition": "dim", "misprint": "yellow", "f
 
 @app.command()
 def urdf(
-    out: Annotated[Path, typer.Option(help="Where to write it.")] = Path("urdf/k1607.urdf"),
+    out: Annotated[
+        Path | None, typer.Option(help="Where to write it; urdf/k1607.urdf, or <name>.urdf with --dh.")
+    ] = None,
     dh: Annotated[
         Path | None,
         typer.Option(help="Another arm: a TOML file with [dh] and, if you have them, [limits] and [[link]]."),
@@ -51,7 +53,9 @@ def urdf(
     from k1607_pin.description.urdf import to_urdf
     from k1607_pin.files import write_atomically
 
-    text = to_urdf(description.k1607() if dh is None else description.from_mapping(_read_toml(dh)))
+    arm = description.k1607() if dh is None else description.from_mapping(_read_toml(dh))
+    text = to_urdf(arm)
+    out = out or (Path("urdf/k1607.urdf") if dh is None else Path(f"{arm.name}.urdf"))
     if check:
         if not out.exists() or out.read_text() != text:
             raise ValueError(f"{out} is not what the data give: run `k1607 urdf --out {out}`")
@@ -198,8 +202,13 @@ def main() -> None:
     """Entry point: bad input is one line on standard error, not a traceback."""
     try:
         app()
+    except ModuleNotFoundError as error:
+        Console(stderr=True).print(
+            f"k1607: {error}; for the 3-D view: pip install 'k1607-pin[viewer]'", style="red", markup=False
+        )
+        raise SystemExit(2) from None
     except (ValueError, OSError) as error:
-        Console(stderr=True).print(f"[bold red]k1607:[/] {error}", highlight=False)
+        Console(stderr=True).print(f"k1607: {error}", style="red", markup=False, highlight=False)
         raise SystemExit(2) from None
 
 

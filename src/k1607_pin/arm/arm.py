@@ -129,7 +129,7 @@ class Arm:
             return self._batch(lambda x: self.forward_kinematics(x).homogeneous, q, (4, 4))
         data = self._data
         pin.forwardKinematics(self._model, data, q)
-        return pin.SE3(pin.updateFramePlacement(self._model, data, self._tool_id))
+        return pin.updateFramePlacement(self._model, data, self._tool_id)  # a copy, not a reference into data
 
     def frames(self, q: Vector) -> list[pin.SE3]:
         """The n joint frames in the base frame for q (n,): frames {1} to {n} of a modified D-H arm."""
@@ -154,7 +154,7 @@ class Arm:
 
     def gravity_torque(self, q: Vector) -> Vector:
         """(n,) N m: what the actuators must hold at rest."""
-        return pin.computeGeneralizedGravity(self._model, self._data, self.as_vector(q, "q")).copy()
+        return pin.computeGeneralizedGravity(self._model, self._data, self.as_vector(q, "q"))  # a copy already
 
     def bias_torque(self, q: Vector, v: Vector) -> Vector:
         """(n,) N m: C v + g."""

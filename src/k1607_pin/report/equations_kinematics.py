@@ -8,7 +8,8 @@ import pinocchio as pin
 
 from k1607_pin.arm.load import load_k1607
 from k1607_pin.compiled.trace import trace
-from k1607_pin.description.dh import link_transform, table_1
+from k1607_pin.description import dh
+from k1607_pin.description.dh import table_1
 from k1607_pin.kinematics import closed_form, differential, product
 from k1607_pin.report.equations import Equation
 from k1607_pin.report.polynomials import exact, is_identity
@@ -136,7 +137,7 @@ def _link_by_screws() -> float:
         for i in range(7):
             along_x = pin.exp6(pin.Motion(np.array([table.a[i], 0, 0]), np.array([table.alpha[i], 0, 0])))
             along_z = pin.exp6(pin.Motion(np.array([0, 0, table.d[i]]), np.array([0, 0, q[i]])))
-            T = link_transform(
+            T = dh.link_transform(
                 np.cos(q[i]), np.sin(q[i]), table.cos_alpha[i], table.sin_alpha[i], table.a[i], table.d[i]
             )
             worst = max(worst, gap(T, (along_x * along_z).homogeneous))
@@ -150,25 +151,32 @@ def _rigid(T: np.ndarray) -> float:
 
 
 def _axes() -> float:
-    """(14): axes of motion, as products of rotations applied to b0, against Pinocchio's joint axes."""
+    """(14): products of rotations applied to b_0, and the axes that we use, against Pinocchio's joint axes."""
     R, b0, worst = np.eye(3), np.array([0, 0, 1.0]), 0.0
     steps = product.frame_transforms(table_1(), *cs())
     for i, T in enumerate(steps):
         link = np.linalg.inv(steps[i - 1]) @ T if i else T
         R = R @ link[..., :3, :3]
-        worst = max(worst, gap(R @ b0, np.stack(_axis(i + 1, 2), -1)))
+        axis, _ = product.axis_and_lever(T, steps[-1])
+        worst = max(worst, gap(R @ b0, np.stack(_axis(i + 1, 2), -1)), gap(axis, _axis(i + 1, 2)))
     return worst
 
 
 def _levers(fourth: float) -> float:
-    """(16), the fourth row included: x0 = (0, 0, 0, 1), and ``fourth`` stands below p_i."""
-    T, x0 = frames(), np.array([0, 0, 0, 1.0])
+    """(16), the fourth row included, ours against Pinocchio's frames: x0 = (0, 0, 0, 1), ``fourth`` stands below p_i."""
+    steps, T, x0 = product.frame_transforms(table_1(), *cs()), frames(), np.array([0, 0, 0, 1.0])
     worst = 0.0
-    for joint in T:
-        _, lever = product.axis_and_lever(joint, T[-1])
+    for step, joint in zip(steps, T, strict=True):
+        _, lever = product.axis_and_lever(step, steps[-1])
         left = np.stack([*lever, np.full(POSES, fourth)], -1)
         worst = max(worst, gap(left, T[-1] @ x0 - joint @ x0))
     return worst
+
+
+def _b0_and_x0() -> float:
+    """(15), (17): seen from a frame at the origin without rotation, its own axis is b_0, and a point's lever is the point."""
+    axis, lever = product.axis_and_lever(np.eye(4), frames()[6, 0])
+    return max(gap(axis, [0, 0, 1]), gap(lever, (frames()[6, 0] @ [0, 0, 0, 1])[:3]))
 
 
 def _columns(first: int, last: int) -> float:
@@ -379,8 +387,8 @@ EQUATIONS = [
         15,
         "b_0 = (0, 0, 1).",
         "kinematics.product.axis_and_lever",
-        "third column of frame i, random poses",
-        lambda: gap(frames()[..., :3, :3] @ [0, 0, 1], frames()[..., :3, 2]),
+        "axis of a frame without rotation",
+        _b0_and_x0,
         0.0,
         definition=True,
     ),
@@ -398,8 +406,8 @@ EQUATIONS = [
         17,
         "x_0 = (0, 0, 0, 1).",
         "kinematics.product.axis_and_lever",
-        "fourth column of frame i, random poses",
-        lambda: gap(frames() @ [0, 0, 0, 1], frames()[..., 3]),
+        "lever of a point from the origin",
+        _b0_and_x0,
         0.0,
         definition=True,
     ),

@@ -87,7 +87,8 @@ def _quaternion_of_increment(which: str) -> float:
 
 def _scalar_of_increment() -> float:
     R1, R2 = pairs()
-    return gap(np.abs(_increments()[0]), _eigen(R2 @ T(R1))[:, 0])
+    ours = o.relative_quaternion_base(o.quaternion(R1), o.quaternion(R2))[:, 0]
+    return max(gap(np.abs(_increments()[0]), _eigen(R2 @ T(R1))[:, 0]), gap(np.abs(ours), _eigen(R2 @ T(R1))[:, 0]))
 
 
 def _implemented_increment() -> float:
@@ -101,32 +102,38 @@ def _implemented_increment() -> float:
 
 
 def _turned_by_base_axes() -> float:
-    """(31): turning frame 1 about an axis fixed in frame 0 multiplies from the left."""
+    """(31): frame 1 turned about axes fixed in frame 0 by the exponential map; ours must find that turn again."""
     R1, _ = pairs()
-    v, R = small()
-    axis_in_1 = (T(R1) @ v[..., None])[..., 0]  # the same axis, seen from frame 1, multiplies from the right, (30)
-    return gap(R @ R1, R1 @ np.array([pin.exp3(x) for x in axis_in_1]))
+    _, turn = small()
+    found = o.relative_quaternion_base(o.quaternion(R1), o.quaternion(turn @ R1))
+    return gap(o.rotation(found) @ R1, turn @ R1)
 
 
-def _differential(sign: float) -> float:
-    """I + differential rotation as in (36), with the given sign of element (1, 3), against the rotation itself."""
-    v, R = small()
-    matrix = np.eye(3) + o.cross_matrix(v)
+def _from_1_to_2() -> float:
+    """(32): the rotation of our quaternion against R_2 R_1^T."""
+    R1, R2 = pairs()
+    return gap(o.rotation(o.relative_quaternion_base(o.quaternion(R1), o.quaternion(R2))), R2 @ T(R1))
+
+
+def _differential(sign: float) -> np.ndarray:
+    """(500, 3, 3): I + differential rotation as in (36), read off small rotations, with the given sign of element (1, 3)."""
+    _, R = small()
+    matrix = np.eye(3) + o.cross_matrix(o.differential_rotation(R))
     matrix[:, 0, 2] *= sign
-    return gap(matrix, R)
+    return matrix
 
 
 def _differential_of_pair(sign: float) -> float:
-    v, R = small()
+    _, R = small()
     R1 = pairs()[0]
-    matrix = np.eye(3) + o.cross_matrix(v)
-    matrix[:, 0, 2] *= sign
-    return gap(matrix @ R1, R @ R1)
+    return gap(_differential(sign) @ R1, R @ R1)
 
 
 def _twice_the_vector() -> float:
+    """(37) against the rotation vectors that the small rotations were made of, applied to frame 1."""
     v, R = small()
-    return gap(2 * o.quaternion(R)[:, 1:], v)
+    R1 = pairs()[0]
+    return gap(o.orientation_error(R @ R1, R1), v)
 
 
 PINOCCHIO = "Pinocchio (Eigen) quaternions, 500 random rotations"
@@ -208,8 +215,8 @@ EQUATIONS = [
         32,
         "The rotation about base axes between two frames is R_2 R_1^T.",
         "kinematics.orientation.relative_quaternion_base",
-        "takes frame 1 to frame 2",
-        lambda: gap(pairs()[1] @ T(pairs()[0]) @ pairs()[0], pairs()[1]),
+        "R_2 R_1^T, 500 random pairs",
+        _from_1_to_2,
         ROUNDING,
     ),
     Equation(
@@ -247,9 +254,9 @@ EQUATIONS = [
         "The differential rotation alone.",
         "kinematics.orientation.differential_rotation",
         f"exponential map, {SMALL} rad; agrees to second order",
-        lambda: _differential(+1.0),
+        lambda: gap(_differential(+1.0), small()[1]),
         SMALL**2,
-        printed=lambda: _differential(-1.0),
+        printed=lambda: gap(_differential(-1.0), small()[1]),
         note="Element (1, 3): printed -delta_y, should be +delta_y. As printed, (26) would give gamma = 0 whatever delta_y is.",
     ),
     Equation(

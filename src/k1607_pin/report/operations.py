@@ -58,7 +58,7 @@ def count() -> list[Operations]:
     c, s = ([_Counted(tally) for _ in range(7)] for _ in range(2))
     parameters = closed_form.Parameters(*(_Counted(tally) for _ in closed_form.Parameters._fields))
     closed_form.terms(c, s, parameters)
-    rows.append(Operations("closed form, (5)-(11), as written", *_sum(tally)))
+    rows.append(Operations("closed form, (5)-(11), as coded: repeated products shared by hand", *_sum(tally)))
 
     table = table_1()
     for name, fun in (

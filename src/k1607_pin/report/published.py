@@ -21,7 +21,7 @@ from k1607_pin.report.studies import (
 
 WITHIN = 0.25  # a published maximum is met within this share
 EXCELLENT, NOT_ADEQUATE = 0.03, 0.10  # of the largest speed: what the report's words are taken to mean (assumed)
-NEGLIGIBLE = 0.02  # of the same quantity's maximum at 100 ms (assumed)
+NEGLIGIBLE = 0.02  # of what the report publishes, or its figure 6 allows, at 100 ms (assumed)
 PERIODS = {"10ms": 0.010, "100ms": 0.100}
 
 
@@ -37,7 +37,7 @@ class Comparison:
     ratio: float | None
     """ours / published; None where the report gives a word."""
     verdict: str
-    """met | not met | agrees | disagrees | contradicts figure 6"""
+    """met | not met | agrees | disagrees | contradicts figure 6 | derived (from another entry: no evidence of its own)"""
     rests_on: str
     """Assumptions and identified values it hangs on."""
 
@@ -79,11 +79,12 @@ def compare(trajectory: TestTrajectory) -> list[Comparison]:
         figure_6 = facts["part1"]["wx_max_error_mrad_s"]["100ms"]
         if name == "delta_beta" and published["100ms"] > (1 + WITHIN) * allowed_by_figure_6(figure_6):
             rows[-1] = Comparison(**{**vars(rows[-1]), "verdict": "contradicts figure 6"})
+        scale = min(published["100ms"], allowed_by_figure_6(figure_6)) if name == "delta_beta" else published["100ms"]
         rows.append(
             Comparison(
                 f"part3.{name}.10ms", f"max error of {name}, 10ms", published["10ms"], "thousandths", fine, None,
-                "agrees" if fine <= NEGLIGIBLE * coarse else "disagrees",
-                f"identified trajectory; 'negligible' up to {NEGLIGIBLE:.0%} of 100 ms (assumed)",
+                "agrees" if fine <= NEGLIGIBLE * scale else "disagrees",
+                f"identified trajectory; 'negligible' up to {NEGLIGIBLE:.0%} of {scale:g} thousandths (assumed)",
             )
         )  # fmt: skip
     published = facts["conclusion"]["max_sampling_period_s"]
@@ -92,8 +93,8 @@ def compare(trajectory: TestTrajectory) -> list[Comparison]:
     rows.append(
         Comparison(
             "conclusion.max_period", f"largest sampling period for {wanted} in/s of v_x", published * 1e3, "ms", period * 1e3,
-            period / published, "met" if abs(period / published - 1) <= WITHIN else "not met",
-            "identified trajectory; the accuracy is that of figure 5 at 10 ms",
+            period / published, "derived",
+            "identified trajectory; the wanted accuracy is figure 5's at 10 ms, so this is that entry again",
         )
     )  # fmt: skip
     return rows

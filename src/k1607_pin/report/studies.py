@@ -52,7 +52,7 @@ def identified_trajectory() -> TestTrajectory:
     """The committed set: fitted so that every published maximum that can be met is met."""
     facts = data.load("identified")["test_trajectory"]
     centre, amplitude, phase = (np.deg2rad(facts[f"{key}_deg"]) for key in ("centre", "amplitude", "phase"))
-    return TestTrajectory(centre, amplitude, phase, facts["frequency_hz"], facts["duration_s"])
+    return TestTrajectory(centre, amplitude, phase, facts["timing"]["frequency_hz"], facts["timing"]["duration_s"])
 
 
 def times(trajectory: TestTrajectory, period: float) -> np.ndarray:
