@@ -39,7 +39,7 @@ browser:
 	touch $@
 
 .venv/demo: .venv/python pyproject.toml constraints.txt
-	$(PIP) -e .
+	$(PIP) -e '.[viewer]'
 	touch $@
 
 .venv/test: .venv/python pyproject.toml constraints.txt

@@ -103,7 +103,7 @@ def test_what_is_wrong_is_named_with_row_and_column(table, row, column):
         (changed(["limits", "position_deg"], [[-90, 90], [0]]), "position_deg"),
         (changed(["limits", "velocity_deg_s"], [90]), "velocity_deg_s"),
         (changed(["limits", "effort_N_m"], [1, 2, 3]), "effort_N_m"),
-        (changed(["link"], [BODY]), "expected 2 rows"),
+        (changed(["link"], [BODY]), "expected 2 tables"),
         (changed(["dh", "units", "length"], "furlong"), "furlong"),
     ],
 )

@@ -236,7 +236,13 @@ class TestSingularities:
         ratio = a / threshold
         assert one**2 == pytest.approx(max(0, maximum**2 * (1 - ratio**2)), abs=1e-12 * maximum**2)
 
-    @pytest.mark.parametrize(("lost", "damping"), [(0.0, Damping(maximum=0.0)), (1e-17, Damping(threshold=1e-30))])
+    @pytest.mark.parametrize("name", ["threshold", "maximum"])
+    @pytest.mark.parametrize("value", [0.0, -0.1, np.nan, np.inf])
+    def test_damping_is_positive(self, name, value):
+        with pytest.raises(ValueError, match=f"{name}: expected a positive number"):
+            Damping(**{name: value})
+
+    @pytest.mark.parametrize(("lost", "damping"), [(1e-17, Damping(threshold=1e-30))])
     def test_damping_too_small_to_help_is_no_silent_nan(self, lost, damping):
         """A lambda of zero where the rank is lost: neither 0/0 nor 1e17 may come back as a matrix."""
         J = np.hstack([np.diag([1.0, 1, 1, 1, 1, lost]), np.zeros((6, 1))])

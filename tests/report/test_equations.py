@@ -47,6 +47,30 @@ def test_where_it_is_implemented_exists():
         assert hasattr(importlib.import_module(module), name), e.where
 
 
+@pytest.mark.parametrize("number", range(1, 39))
+def test_every_check_runs_the_function_that_it_names(number, monkeypatch):
+    """Break the named function: the check must notice, or it checks something else."""
+    (equation,) = [e for e in registry() if e.number == number]
+    module, _, name = f"k1607_pin.{equation.where}".rpartition(".")
+
+    def broken(*_, **__):
+        raise ZeroDivisionError(f"{equation.where} was called")
+
+    def clear():
+        polynomials.exact.cache_clear()
+        for cached in (equations_kinematics.terms, equations_kinematics._well_conditioned):
+            cached.cache_clear()
+
+    clear()
+    monkeypatch.setattr(f"{module}.{name}", broken)
+    try:
+        with pytest.raises(ZeroDivisionError):
+            check(equation)
+    finally:
+        monkeypatch.undo()
+        clear()
+
+
 def example(**changes):
     base = Equation(99, "says", "where", "how", residual=lambda: 0.0, tolerance=1e-12)
     return dataclasses.replace(base, **changes)

@@ -14,7 +14,7 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
     steps = []
     results = reproduce(out, steps.append)
-    assert len(steps) == len(FIGURES) + 2
+    assert len(steps) == len(FIGURES) + 3
     return out, results
 
 

@@ -38,6 +38,12 @@ class Arm:
         self._visual_model = visual_model and visual_model.copy()
         self._collision_model = collision_model and collision_model.copy()
         self._local = threading.local()
+        eigenvalues = np.linalg.eigvalsh(self.mass_matrix(pin.neutral(self._model)))
+        self._has_inertia = bool(eigenvalues[0] > 0)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled as what it was made from; the threads' workspaces stay behind."""
+        return type(self), (self._model, self._tool_frame, self._visual_model, self._collision_model)
 
     @property
     def _data(self) -> pin.Data:
@@ -167,6 +173,8 @@ class Arm:
     def forward_dynamics(self, q: Vector, v: Vector, tau: Vector) -> Vector:
         """(n,) rad/s^2: joint accelerations under joint torques tau (n,) N m."""
         q, v, tau = self.as_vector(q, "q"), self.as_vector(v, "v"), self.as_vector(tau, "tau")
+        if not self._has_inertia:
+            self._refuse_dynamics()
         return pin.aba(self._model, self._data, q, v, tau).copy()
 
     def inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
@@ -194,6 +202,8 @@ class Arm:
             J without full row rank (always, for fewer than six joints), and no damping.
         """
         q, v = self.as_vector(q, "q"), self.as_vector(v, "v")
+        if not self._has_inertia:
+            self._refuse_dynamics()
         J = self.jacobian(q)
         sigma = np.linalg.svd(J, compute_uv=False)
         sigma_min = float(sigma[-1]) if self.n >= 6 else 0.0
@@ -210,6 +220,12 @@ class Arm:
             v,
             sigma_min,
             damping.at(sigma_min) if damping else 0.0,
+        )
+
+    def _refuse_dynamics(self) -> None:
+        raise ValueError(
+            f"{self.name!r}: its mass matrix is singular (links without inertia, and no armature), so that forces give no "
+            "accelerations; kinematics only"
         )
 
     # Arguments

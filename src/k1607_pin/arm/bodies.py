@@ -41,10 +41,16 @@ def _axis(model: pin.Model, i: int) -> tuple[np.ndarray, bool]:
     if joint.nq != 1 or joint.nv != 1:
         kind = f"{joint.shortname()} (nq {joint.nq}, nv {joint.nv})"
         raise ValueError(f"joint {model.names[i]!r}: expected one coordinate, got {kind}")
-    data = joint.createData()
-    joint.calc(data, pin.neutral(model))
-    S = np.ravel(data.S)
-    linear, angular = S[:3], S[3:]
+    linear, angular = motion_subspace(model, i)
     if angular.any() and linear.any():
         raise ValueError(f"joint {model.names[i]!r}: expected a revolute or a prismatic joint, got {joint.shortname()}")
     return (angular, True) if angular.any() else (linear, False)
+
+
+def motion_subspace(model: pin.Model, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Linear and angular velocity (3,) of joint i's frame, in its own axes, at unit joint speed and neutral position."""
+    joint = model.joints[i]
+    data = joint.createData()
+    joint.calc(data, pin.neutral(model))
+    S = np.ravel(data.S)
+    return S[:3], S[3:]

@@ -8,6 +8,8 @@ from scipy.optimize import least_squares
 
 from k1607_pin.arm.arm import Arm
 
+RIGID = 1e-4  # deviation of R R^T from the identity that passes as rounding, of digits copied by hand say
+
 
 @dataclass(frozen=True)
 class InverseKinematics:
@@ -24,7 +26,7 @@ class InverseKinematics:
     at_limit: tuple[str, ...]
     """Joints that ended on a limit, such as "joint4 lower"."""
     sigma_min: float
-    """Smallest singular value of the Jacobian at q."""
+    """Smallest singular value of the Jacobian at q; 0 for fewer than six joints."""
     starts: int
     """How many starting postures were tried."""
 
@@ -47,7 +49,7 @@ def inverse_kinematics(
     Parameters
     ----------
     arm : any arm.
-    target : T_base_tool, `pinocchio.SE3` or (4, 4) m.
+    target : T_base_tool, `pinocchio.SE3` or (4, 4) m; its rotation may be off by `RIGID` and is mended to the nearest one.
     q0 : (n,) where to start, rad; clipped to the limits; None takes the middle of the range.
     position_tolerance, orientation_tolerance : m, rad.
     starts : number of starting postures at most; seed : of the random ones.
@@ -58,8 +60,8 @@ def inverse_kinematics(
         target is not a rigid transform, q0 of wrong shape or not finite, starts below one.
     """
     wanted = _pose(target)
-    if starts < 1:
-        raise ValueError(f"starts: expected at least 1, got {starts}")
+    if not isinstance(starts, int) or starts < 1:
+        raise ValueError(f"starts: expected a whole number of at least 1, got {starts!r}")
     lower, upper = arm.lower, arm.upper
     low, high = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
     start = (low + high) / 2 if q0 is None else np.array(arm.as_vector(q0, "q0"))
@@ -112,7 +114,7 @@ def _result(
         for side, gap in (("lower", x - low), ("upper", high - x))
         if gap < 1e-6
     ]
-    sigma = np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1]
+    sigma = np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1] if arm.n >= 6 else 0.0
     converged = position <= tolerances[0] and orientation <= tolerances[1]
     return InverseKinematics(q, converged, position, orientation, tuple(limits), float(sigma), starts)
 
@@ -126,6 +128,7 @@ def _pose(target: "pin.SE3 | np.ndarray") -> pin.SE3:
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise ValueError(f"target: expected a pinocchio.SE3 or a finite (4, 4) matrix, got shape {T.shape}")
     R = T[:3, :3]
-    if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0 or not np.array_equal(T[3], [0, 0, 0, 1]):
+    if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0 or not np.array_equal(T[3], [0, 0, 0, 1]):
         raise ValueError(f"target: expected a rigid transform (rotation, position, last row 0 0 0 1), got\n{T}")
-    return pin.SE3(T)
+    U, _, Vt = np.linalg.svd(R)
+    return pin.SE3(U @ Vt, T[:3, 3])

@@ -1,17 +1,23 @@
 """Arms from files: the K-1607, any URDF, and the robots of example-robot-data."""
 
+import logging
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from k1607_pin import data
 from k1607_pin.arm.arm import Arm, frame_id
+from k1607_pin.arm.continuous import with_one_angle_each
 from k1607_pin.description.dh import exact
 
+logger = logging.getLogger(__name__)
+
 TOOL_FRAMES = {
+    "kinova": "j2s6s200_link_6",
     "panda": "panda_hand_tcp",
     "ur3": "tool0",
     "ur5": "tool0",
@@ -58,7 +64,7 @@ def load_urdf(
 
     Parameters
     ----------
-    tool_frame : a link or joint name; None takes the last link.
+    tool_frame : a link or joint name; None takes the last link, if the arm has but one end.
     locked : joints to hold still, at zero or at the given angle [rad]. Joints that do not carry the tool frame
         (a gripper's fingers) are locked at zero unasked, or at the limit nearest to it.
     armature : (n,) kg m^2; None keeps the model's own, zero unless the file says otherwise.
@@ -68,7 +74,8 @@ def load_urdf(
     Raises
     ------
     ValueError
-        No such file, not a URDF, no such frame or joint, or not a serial chain of one-degree-of-freedom joints.
+        No such file, not a URDF, no such frame or joint, several ends and no tool_frame, a joint that mimics another,
+        or not a serial chain of one-degree-of-freedom joints. Meshes that are not found are a warning in the log.
     """
     path = Path(path)
     if not path.is_file():
@@ -76,11 +83,21 @@ def load_urdf(
     folders = [str(path.parent), *(str(folder) for folder in package_dirs)]
     try:
         model = pin.buildModelFromUrdf(str(path))
+        mimics = [
+            joint.get("name", "") for joint in ElementTree.parse(path).iter("joint") if joint.find("mimic") is not None
+        ]
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
+        raise ValueError(f"path: Pinocchio cannot read {path}: {error}") from error
+    try:
         visual = pin.buildGeomFromUrdf(model, str(path), pin.VISUAL, package_dirs=folders)
         collision = pin.buildGeomFromUrdf(model, str(path), pin.COLLISION, package_dirs=folders)
     except (ValueError, RuntimeError) as error:
-        raise ValueError(f"path: Pinocchio cannot read {path}: {error}") from error
-    return _arm(model, visual, collision, tool_frame, locked, armature, gravity)
+        logger.warning("%s is loaded without geometry: %s. Are its packages in package_dirs?", path, error)
+        visual = collision = pin.GeometryModel()
+    arm = _arm(model, visual, collision, tool_frame, locked, armature, gravity)
+    if moving := [name for name in mimics if name in arm.joint_names]:
+        raise ValueError(f"joint {moving[0]!r} mimics another one: lock it, as an arm's joints must move on their own")
+    return arm
 
 
 def load_example(
@@ -110,6 +127,15 @@ def _arm(
     armature: np.ndarray | None,
     gravity: tuple[float, float, float],
 ) -> Arm:
+    if model.njoints > 1 and model.joints[1].nv == 6:
+        raise ValueError(
+            f"{model.name!r}, joint {model.names[1]!r}: expected a fixed base, got {model.joints[1].shortname()}"
+        )
+    ends = [model.names[i] for i in range(1, model.njoints) if i not in list(model.parents)]
+    if tool_frame is None and len(ends) > 1:
+        raise ValueError(
+            f"tool_frame: {model.name!r} has several ends (joints {', '.join(ends)}): say which frame is the tool"
+        )
     tool_frame = tool_frame or model.frames[model.nframes - 1].name
     angles = dict(locked) if isinstance(locked, Mapping) else dict.fromkeys(locked, 0.0)
     if unknown := [joint for joint in angles if not model.existJointName(joint)]:
@@ -127,8 +153,7 @@ def _arm(
             there = pin.integrate(model, pin.neutral(model), turn)  # a continuous joint has two coordinates
             q[joint.idx_q : joint.idx_q + joint.nq] = there[joint.idx_q : joint.idx_q + joint.nq]
         model, (visual, collision) = pin.buildReducedModel(model, [visual, collision], still, q)
-    else:
-        model = pin.Model(model)
+    model = pin.Model(with_one_angle_each(model))
     for placement in model.jointPlacements:
         placement.rotation = exact(placement.rotation)
     g = _numbers(gravity)

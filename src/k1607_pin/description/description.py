@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from k1607_pin import data
-from k1607_pin.description.dh import DHTable
+from k1607_pin.description.dh import DHTable, check_keys
 from k1607_pin.description.inertia import LinkInertia, k1607_links
 from k1607_pin.description.shapes import Shape, shapes_from, shapes_from_dh
 from k1607_pin.description.units import DEGREE, INCH
+
+PROVENANCE = ("standing", "source", "identity", "posture")  # what a data file may hold beside
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,7 @@ def from_mapping(table: Mapping[str, Any]) -> ArmDescription:
     ValueError
         Anything missing, of wrong length, not finite, or impossible; row and column are named.
     """
-    if "dh" not in table:
-        raise ValueError(f"arm description: expected the table 'dh', got {', '.join(table) or 'nothing'}")
+    check_keys("arm description", table, required=("dh",), optional=("name", "limits", "link", *PROVENANCE))
     dh = DHTable.from_mapping(table["dh"])
     return ArmDescription(
         name=str(table.get("name", "arm")),
@@ -73,6 +74,7 @@ def from_mapping(table: Mapping[str, Any]) -> ArmDescription:
 
 
 def _limits(table: Mapping[str, Any], n: int) -> dict[str, Any]:
+    check_keys("limits", table, optional=("position_deg", "velocity_deg_s", "effort_N_m", *PROVENANCE))
     position = _numbers(table.get("position_deg", [[-180.0, 180.0]] * n), (n, 2), "limits", "position_deg")
     velocity = _numbers(table.get("velocity_deg_s", [180.0] * n), (n,), "limits", "velocity_deg_s")
     effort = _numbers(table.get("effort_N_m", [100.0] * n), (n,), "limits", "effort_N_m")
@@ -88,14 +90,14 @@ def _limits(table: Mapping[str, Any], n: int) -> dict[str, Any]:
 
 
 def _links(rows: Sequence[Mapping[str, Any]], n: int) -> list[LinkInertia]:
-    if len(rows) != n:
-        raise ValueError(f"link: expected {n} rows, one a joint, got {len(rows)}")
+    if not isinstance(rows, list) or len(rows) != n:
+        raise ValueError(
+            f"link: expected {n} tables [[link]], one a joint, got {len(rows) if isinstance(rows, list) else rows!r}"
+        )
     links = []
     for i, row in enumerate(rows, start=1):
         where = f"link, row {i}"
-        for column in ("mass_kg", "cg_m", "inertia_kg_m2"):
-            if column not in row:
-                raise ValueError(f"{where}: expected the column {column!r}, got {', '.join(row) or 'nothing'}")
+        check_keys(where, row, required=("mass_kg", "cg_m", "inertia_kg_m2"), optional=PROVENANCE)
         mass = float(_numbers(row["mass_kg"], (), where, "mass_kg"))
         if mass <= 0:
             raise ValueError(f"{where}, column 'mass_kg': expected a positive mass in kg, got {mass}")

@@ -94,8 +94,8 @@ class DHTable:
         """
         to_rad = units.factor(units.ANGLE, angle, "D-H table, column 'alpha'")
         to_m = units.factor(units.LENGTH, length, "D-H table, columns 'a' and 'd'")
-        if len(rows) == 0:
-            raise ValueError("D-H table: expected at least one row, got none")
+        if not hasattr(rows, "__len__") or isinstance(rows, str | bytes | Mapping) or len(rows) == 0:
+            raise ValueError(f"D-H table: expected at least one row, got {rows!r}")
         table = np.zeros((len(rows), 4))
         for i, row in enumerate(rows, start=1):
             if isinstance(row, str | bytes | Mapping) or not hasattr(row, "__len__") or len(row) not in (3, 4):
@@ -111,14 +111,8 @@ class DHTable:
     @classmethod
     def from_mapping(cls, table: Mapping[str, Any]) -> "DHTable":
         """A table from the ``[dh]`` part of a description file: ``rows`` and ``units = {length, angle}``."""
-        for key in ("rows", "units"):
-            if key not in table:
-                raise ValueError(f"D-H table: expected the key {key!r}, got {', '.join(table) or 'nothing'}")
-        for key in ("length", "angle"):
-            if key not in table["units"]:
-                raise ValueError(
-                    f"D-H table, units: expected the key {key!r}, got {', '.join(table['units']) or 'nothing'}"
-                )
+        check_keys("D-H table", table, required=("rows", "units"), optional=("standing", "source"))
+        check_keys("D-H table, units", table["units"], required=("length", "angle"))
         return cls.from_rows(table["rows"], table["units"]["length"], table["units"]["angle"])
 
     def placements(self) -> np.ndarray:
@@ -146,6 +140,17 @@ class DHTable:
                 f"joint {gap.argmax() + 1}: its placement is not of the form of a modified D-H row (off by {gap.max():.1e})"
             )
         return table
+
+
+def check_keys(what: str, table: Any, required: Sequence[str] = (), optional: Sequence[str] = ()) -> None:
+    """Raise `ValueError` unless ``table`` is a mapping with the required keys and none but these and the optional ones."""
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{what}: expected a table, got {table!r}")
+    for key in required:
+        if key not in table:
+            raise ValueError(f"{what}: expected the key {key!r}, got {', '.join(table) or 'nothing'}")
+    if unknown := [key for key in table if key not in (*required, *optional)]:
+        raise ValueError(f"{what}: unknown key {unknown[0]!r}, expected among {', '.join((*required, *optional))}")
 
 
 def _is_finite_number(value: Any) -> bool:

@@ -19,6 +19,6 @@ def factor(kind: dict[str, float], unit: str, what: str) -> float:
     ValueError
         Unknown unit; the message names ``what`` needed it and the units that are known.
     """
-    if unit not in kind:
+    if not isinstance(unit, str) or unit not in kind:
         raise ValueError(f"{what}: unknown unit {unit!r}, expected one of {', '.join(kind)}")
     return kind[unit]

@@ -1,6 +1,7 @@
 """The arm as URDF, written through yourdfpy."""
 
 import io
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -56,14 +57,23 @@ def read_dh(urdf: str | Path) -> DHTable:
     Raises
     ------
     ValueError
-        A joint axis that is not z, or a placement that no D-H row expresses; the joint is named.
+        A joint that is not revolute about z, not in a serial chain, behind a fixed offset, or at a placement that no D-H row
+        expresses; the joint is named.
     """
     source = io.BytesIO(urdf.encode()) if isinstance(urdf, str) and urdf.lstrip().startswith("<") else str(urdf)
     model = yourdfpy.URDF.load(source, build_scene_graph=False, load_meshes=False)
-    moving = [joint for joint in model.robot.joints if joint.type in ("revolute", "continuous")]
-    for joint in moving:
-        if not np.array_equal(joint.axis, [0, 0, 1]):
+    moving = [joint for joint in model.robot.joints if joint.type != "fixed"]
+    bodies = {link for joint in moving for link in (joint.parent, joint.child)}
+    for joint in model.robot.joints:
+        if joint.type not in ("revolute", "continuous", "fixed"):
+            raise ValueError(f"joint {joint.name!r}: expected a revolute joint, got a {joint.type} one")
+        if joint.type == "fixed" and joint.child in bodies:
+            raise ValueError(f"joint {joint.name!r}: a fixed joint before a moving one has no place in a D-H table")
+        if joint.type != "fixed" and not np.array_equal(joint.axis, [0, 0, 1]):
             raise ValueError(f"joint {joint.name!r}: expected the axis (0, 0, 1), got {joint.axis}")
+    for before, joint in itertools.pairwise(moving):
+        if joint.parent != before.child:
+            raise ValueError(f"joint {joint.name!r}: expected to follow {before.name!r} in a serial chain")
     return DHTable.from_placements(np.array([np.eye(4) if j.origin is None else j.origin for j in moving]))
 
 

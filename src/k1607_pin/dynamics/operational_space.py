@@ -25,7 +25,7 @@ class OperationalSpace(NamedTuple):
     sigma_min: Any
     """Smallest singular value of J; None when traced."""
     damping: float
-    """lambda of (J M^-1 J^T + lambda^2 I)^-1; 0 means exact."""
+    """lambda of (J M^-1 J^T + lambda^2 I / m)^-1, in the units of J; 0 means exact."""
 
 
 def operational_space(
@@ -37,11 +37,14 @@ def operational_space(
     ----------
     M, C : (n, n) mass and Coriolis matrix, the latter with M_dot - 2 C skew; g : (n,) gravity torque.
     J, J_dot : (6, n); x : (6,) tool position [m] and rotation vector [rad]; v : (n,) joint velocity.
-    sigma_min : passed through; damping : lambda, in 1/sqrt(kg).
+    sigma_min : passed through; damping : lambda, in the units of J.
     """
     n = J.shape[1]
     M_inverse_JT = np.linalg.solve(M, J.T)  # (n, 6)
-    mobility = J @ M_inverse_JT + damping * damping * np.eye(6)  # (6, 6)
+    mobility = J @ M_inverse_JT  # (6, 6)
+    if damping:
+        # 1/m = tr(J M^-1 J^T) / tr(J J^T) carries lambda over from J J^T + lambda^2 I, where it is a share of J's own scale.
+        mobility = mobility + damping * damping * np.trace(mobility) / np.trace(J @ J.T) * np.eye(6)
     Lambda = np.linalg.solve(mobility, np.eye(6))
     Lambda = (Lambda + Lambda.T) / 2
     J_bar = M_inverse_JT @ Lambda  # (n, 6)

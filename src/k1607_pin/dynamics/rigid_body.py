@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from k1607_pin.kinematics.orientation import cross_matrix
+
 
 class Body(NamedTuple):
     """One body and the joint that carries it; constants only. Bodies come after their parents."""
@@ -180,31 +182,26 @@ def _cross_force(V: Any, f: Any) -> Any:
     return np.concatenate([np.cross(w, f[:3]), np.cross(w, f[3:]) + np.cross(v, f[:3])])
 
 
-def _skew(a: Any) -> Any:
-    zero = 0 * a[0]
-    return np.stack([np.stack([zero, -a[2], a[1]]), np.stack([a[2], zero, -a[0]]), np.stack([-a[1], a[0], zero])])
-
-
 def _blocks(a: Any, b: Any, c: Any, d: Any) -> Any:
     return np.concatenate([np.concatenate([a, b], axis=1), np.concatenate([c, d], axis=1)], axis=0)
 
 
 def _matrix(inertia: tuple[Any, Any, Any]) -> Any:
     mass, h, I = inertia
-    return _blocks(mass * np.eye(3), -_skew(h), _skew(h), I)
+    return _blocks(mass * np.eye(3), -cross_matrix(h), cross_matrix(h), I)
 
 
 def _motion_matrix(V: Any) -> Any:
     """V x as a matrix; V x* is minus its transpose."""
-    return _blocks(_skew(V[3:]), _skew(V[:3]), np.zeros((3, 3)), _skew(V[3:]))
+    return _blocks(cross_matrix(V[3:]), cross_matrix(V[:3]), np.zeros((3, 3)), cross_matrix(V[3:]))
 
 
 def _bar(f: Any) -> Any:
     """The matrix that takes a motion m to m x* f."""
-    return _blocks(np.zeros((3, 3)), -_skew(f[:3]), -_skew(f[:3]), -_skew(f[3:]))
+    return _blocks(np.zeros((3, 3)), -cross_matrix(f[:3]), -cross_matrix(f[:3]), -cross_matrix(f[3:]))
 
 
 def _turn(axis: np.ndarray, angle: Any) -> Any:
     """(3, 3) rotation by ``angle`` about a constant unit axis (Rodrigues)."""
     c, s = np.cos(angle), np.sin(angle)
-    return c * np.eye(3) + s * _skew(axis) + (1 - c) * np.outer(axis, axis)
+    return c * np.eye(3) + s * cross_matrix(axis) + (1 - c) * np.outer(axis, axis)

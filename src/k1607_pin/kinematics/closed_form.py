@@ -148,7 +148,7 @@ def forward_kinematics(q: Any) -> Any:
     Raises
     ------
     ValueError
-        q is not of shape (..., 7).
+        q is not of shape (..., 7), or not finite.
     """
     return _batched(lambda c, s, out: transform(terms(c, s, parameters()), out), q, (4, 4))
 
@@ -159,7 +159,7 @@ def jacobian(q: Any) -> Any:
     Raises
     ------
     ValueError
-        q is not of shape (..., 7).
+        q is not of shape (..., 7), or not finite.
     """
 
     def columns(c: Any, s: Any, out: np.ndarray | None) -> Any:
@@ -178,6 +178,10 @@ def _batched(fun: Callable[[Any, Any, np.ndarray | None], Any], q: Any, shape: t
         q = np.array(q, dtype=float)
     if not np.ndim(q) or q.shape[-1] != 7:
         raise ValueError(f"q: expected joint angles in rad of shape (..., 7), got shape {np.shape(q)}")
+    if isinstance(q, np.ndarray) and q.dtype != object:
+        q = q.astype(float, copy=False)
+        if not np.isfinite(q.sum()):  # one pass: NaN and infinity survive a sum
+            raise ValueError("q: expected finite joint angles in rad, got NaN or infinity")
     if not isinstance(q, np.ndarray) or q.size <= 7 * CHUNK:
         return fun(*cosines_and_sines(q), None)
     flat = q.reshape(-1, 7)

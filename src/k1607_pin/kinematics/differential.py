@@ -1,5 +1,6 @@
 """From Cartesian to joint velocities: weighted pseudo-inverse, null space, explicit damping, (20)-(23)."""
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,8 @@ class SingularJacobianError(ValueError):
         )
 
 
-class Damping(NamedTuple):
+@dataclass(frozen=True)
+class Damping:
     """Damping that starts at a singular value and grows smoothly to its maximum at rank loss.
 
     lambda^2 = maximum^2 (1 - (sigma_min / threshold)^2) below the threshold, none above
@@ -30,6 +32,11 @@ class Damping(NamedTuple):
     """sigma_min below which damping acts; units of the Jacobian (m and rad mixed)."""
     maximum: float = 0.05
     """lambda at sigma_min = 0, same units."""
+
+    def __post_init__(self) -> None:
+        for name in ("threshold", "maximum"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)!r}")
 
     def at(self, sigma_min: float) -> float:
         """lambda for the given smallest singular value."""
@@ -83,9 +90,7 @@ def weighted_pseudo_inverse(
     SingularJacobianError
         J without full row rank, and no damping.
     """
-    J = np.asarray(J, dtype=float)
-    if J.ndim != 2 or J.shape[0] != 6 or not np.isfinite(J).all():
-        raise ValueError(f"J: expected a finite (6, n) Jacobian, got shape {J.shape}")
+    J = _jacobian(J)
     L = _square_root(W, J.shape[1])
     # The pseudo-inverse of J L, by singular values: J J^T, whose condition is the square of J's, is never formed.
     U, sigma, Vt = np.linalg.svd(J @ L, full_matrices=False)
@@ -112,7 +117,7 @@ def joint_velocity(
     end-effector at rest is added (`k1607_pin.kinematics.nullspace` has ready choices); W, damping : see
     `weighted_pseudo_inverse`, whose errors are raised here too.
     """
-    J = np.asarray(J, dtype=float)
+    J = _jacobian(J)
     inverse = weighted_pseudo_inverse(J, W, damping)
     n = J.shape[1]
     x_dot = _vector(x_dot, 6, "x_dot")
@@ -125,6 +130,7 @@ def joint_velocity(
 
 def nullspace_projector(J: np.ndarray, W: np.ndarray | None = None) -> np.ndarray:
     """I - J_W^+ J, (n, n): joint velocities that do not move the end-effector; exact at every rank of J."""
+    J = _jacobian(J)
     L = _square_root(W, J.shape[1])
     _, sigma, Vt = np.linalg.svd(J @ L, full_matrices=True)
     rank = int((sigma > RANK_TOLERANCE * sigma[0]).sum())
@@ -150,6 +156,13 @@ def jacobian_derivative(J: Any) -> Any:
             else:
                 out[..., :3, i, k] = np.cross(w[..., i], v[..., k])
     return out
+
+
+def _jacobian(J: np.ndarray) -> np.ndarray:
+    J = np.asarray(J, dtype=float)
+    if J.ndim != 2 or J.shape[0] != 6 or not np.isfinite(J).all():
+        raise ValueError(f"J: expected a finite (6, n) Jacobian, got shape {J.shape}")
+    return J
 
 
 def _square_root(W: np.ndarray | None, n: int) -> np.ndarray:

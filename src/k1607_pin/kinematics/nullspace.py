@@ -13,6 +13,7 @@ def limit_centring(q: np.ndarray, lower: np.ndarray, upper: np.ndarray, gain: fl
 
     q, lower, upper : (n,) rad; joints without limits (infinite range) are left alone; gain : 1/s.
     """
+    q, lower, upper = (np.asarray(x, dtype=float) for x in (q, lower, upper))
     limited = np.isfinite(lower) & np.isfinite(upper)
     z = np.zeros(len(q))
     if limited.any():

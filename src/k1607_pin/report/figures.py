@@ -38,11 +38,10 @@ def _error_figure(
         axes.plot(coarse.time, coarse, ":", color=RED, lw=1.6, label="T = 100 ms")
     axes.plot(fine.time, fine, color=INK, lw=1.4, label="T = 10 ms")
     for T, curve, colour in ((10, fine, INK), (100, coarse, RED)):
-        axes.axhline(float(np.abs(curve).max()), color=colour, lw=0.6, ls="--")
-        axes.annotate(
-            f"max {float(np.abs(curve).max()):.3g} at {T} ms",
-            (10.05, float(np.abs(curve).max())), color=colour, fontsize=8, va="center", annotation_clip=False,
-        )  # fmt: skip
+        largest = float(np.abs(curve).max())
+        axes.axhline(largest, color=colour, lw=0.6, ls="--")
+        at = (1.005 * trajectory.duration, largest)
+        axes.annotate(f"max {largest:.3g} at {T} ms", at, color=colour, fontsize=8, va="center", annotation_clip=False)
     axes.legend(loc="lower right", ncols=2)
     return figure
 
@@ -112,6 +111,10 @@ def figure_sampling(trajectory: TestTrajectory) -> Figure:
             slope = float(study.slope.sel(scheme=scheme, component=component))
             error = study.error.sel(scheme=scheme, component=component) * scale
             axes.loglog(T, error, line, color=colour, lw=1.6, label=f"{scheme}: slope {slope:.2f}")
+        for order, scheme in ((1, "backward, eq. (35)"), (2, "central, eq. (35)")):
+            line = study.leading_term.sel(scheme=scheme, component=component) * scale
+            text = ("theory: T/2 max|a|, slope 1", "theory: T²/6 max|jerk|, slope 2")[order - 1]
+            axes.loglog(T, line, ":", color="black", lw=1.0, label=text)
         axes.plot([10, 100], [published["10ms"], published["100ms"]], "ko", ms=5, mfc="none", label="published")
         axes.axvline(10, color=GREY, lw=0.8, ls=":")
         axes.set(xlabel="sampling period [ms]", ylabel=label, ylim=(None, 2e3))  # room for the legend
@@ -136,7 +139,8 @@ FIGURES: dict[str, Callable[[TestTrajectory], Figure]] = {
 def _axes(title: str, label: str) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(7.2, 3.4), layout="constrained")
     axes = figure.subplots()
-    axes.set(xlabel="time [s]", ylabel=label, xlim=(0, 10))
+    axes.set(xlabel="time [s]", ylabel=label)
+    axes.margins(x=0)
     axes.set_title(title, fontsize=11, loc="right")
     axes.axhline(0, color=GREY, lw=0.5)
     axes.margins(y=0.3)  # room for the legend below the curves

@@ -29,6 +29,8 @@ def reproduce(out: Path, progress: Callable[[str], None] = lambda step: None) ->
     progress("published numbers")
     results = published.compare(trajectory)
     write_atomically(out / "results.json", json.dumps([asdict(r) for r in results], indent=2) + "\n")
+    progress("sampling study")
+    write_atomically(out / "sampling.json", json.dumps(published.sampling_table(trajectory), indent=2) + "\n")
     for name, draw in FIGURES.items():
         progress(name)
         figure = draw(trajectory)
@@ -67,6 +69,8 @@ def _page(trajectory: studies.TestTrajectory, results: list[Comparison]) -> str:
             for name, text in studies.READINGS.items()
         ],
         accuracy=published.accuracy_table(trajectory),
+        sampling=published.sampling_table(trajectory),
+        trajectory=data.load("identified")["test_trajectory"],
         operations=operations.count(),
         equations=equations.check_all(),
         singular=singular,
