@@ -234,8 +234,9 @@ class Arm:
         """x as (n,) finite floats; `ValueError` says what `name` should have been."""
         if type(x) is not np.ndarray or x.dtype != float:
             x = _floats(x, name)
-        # Number by number: for so few, a third of the cost of np.isfinite(x).all().
-        if x.shape != self._shape or not all(map(math.isfinite, x.tolist())):
+        # A finite sum means finite numbers, at a fifth of the cost of np.isfinite(x).all(); huge ones that overflow it are
+        # looked at one by one.
+        if x.shape != self._shape or not (math.isfinite(sum(x.tolist())) or all(map(math.isfinite, x.tolist()))):
             raise ValueError(f"{name}: expected ({self.n},) finite numbers, got {_seen(x)}")
         return x
 

@@ -68,13 +68,13 @@ def _limits() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def search(first_seed: int = 0) -> Iterator[tuple[int, float, np.ndarray]]:
-    """Yield (seed, miss, angles (14,) in whole degrees) after each run, until one is `GOOD`."""
+    """Yield (seed, miss, angles (14,) rounded to 0.1 deg) after each run, until one is `GOOD`."""
     seed = first_seed
     while True:
         run = differential_evolution(
             miss, CENTRES + AMPLITUDES, seed=seed, popsize=10, maxiter=120, tol=1e-9, polish=False
         )
-        angles = np.round(run.x)
+        angles = np.round(run.x, 1)
         yield seed, miss(angles), angles
         if miss(angles) < GOOD:
             return
