@@ -339,12 +339,12 @@ class TestThreads:
 
     def test_each_thread_has_its_own_workspace(self, arm):
         """Held against scheduling that never switches inside a call: two threads must not share Pinocchio's Data."""
-        mine, theirs = arm._data, []
-        thread = threading.Thread(target=lambda: theirs.append(arm._data))
+        mine, theirs = arm._workspace.data, []
+        thread = threading.Thread(target=lambda: theirs.append(arm._workspace.data))
         thread.start()
         thread.join()
         assert theirs[0] is not mine
-        assert arm._data is mine
+        assert arm._workspace.data is mine
 
 
 class TestWhatItIs:

@@ -37,22 +37,13 @@ class Arm:
         self._tool_id = frame_id(model, tool_frame)
         self._visual_model = visual_model and visual_model.copy()
         self._collision_model = collision_model and collision_model.copy()
-        self._local = threading.local()
+        self._workspace = _Workspace(self._model)
         eigenvalues = np.linalg.eigvalsh(self.mass_matrix(pin.neutral(self._model)))
         self._has_inertia = bool(eigenvalues[0] > 0)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled as what it was made from; the threads' workspaces stay behind."""
         return type(self), (self._model, self._tool_frame, self._visual_model, self._collision_model)
-
-    @property
-    def _data(self) -> pin.Data:
-        """This thread's workspace: Pinocchio writes results into it, so no two threads may share one."""
-        try:
-            return self._local.data
-        except AttributeError:
-            self._local.data = self._model.createData()
-            return self._local.data
 
     # What it is
 
@@ -133,14 +124,14 @@ class Arm:
         q = self._angles(q)
         if q.ndim > 1:
             return self._batch(lambda x: self.forward_kinematics(x).homogeneous, q, (4, 4))
-        data = self._data
+        data = self._workspace.data
         pin.forwardKinematics(self._model, data, q)
         return pin.updateFramePlacement(self._model, data, self._tool_id)  # a copy, not a reference into data
 
     def frames(self, q: Vector) -> list[pin.SE3]:
         """The n joint frames in the base frame for q (n,): frames {1} to {n} of a modified D-H arm."""
         q = self.as_vector(q, "q")
-        data = self._data
+        data = self._workspace.data
         pin.forwardKinematics(self._model, data, q)
         return [pin.SE3(data.oMi[i]) for i in range(1, self.n + 1)]
 
@@ -149,42 +140,44 @@ class Arm:
         q = self._angles(q)
         if q.ndim > 1:
             return self._batch(self.jacobian, q, (6, self.n))
-        J = pin.computeFrameJacobian(self._model, self._data, q, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+        J = pin.computeFrameJacobian(self._model, self._workspace.data, q, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
         return J.reshape(6, self.n)  # Pinocchio hands back (6,) for one joint
 
     # Dynamics
 
     def mass_matrix(self, q: Vector) -> np.ndarray:
         """(n, n) kg m^2, symmetric, armature included."""
-        return pin.crba(self._model, self._data, self.as_vector(q, "q"), pin.Convention.WORLD).copy()
+        return pin.crba(self._model, self._workspace.data, self.as_vector(q, "q"), pin.Convention.WORLD).copy()
 
     def gravity_torque(self, q: Vector) -> Vector:
         """(n,) N m: what the actuators must hold at rest."""
-        return pin.computeGeneralizedGravity(self._model, self._data, self.as_vector(q, "q"))  # a copy already
+        return pin.computeGeneralizedGravity(
+            self._model, self._workspace.data, self.as_vector(q, "q")
+        )  # a copy already
 
     def bias_torque(self, q: Vector, v: Vector) -> Vector:
         """(n,) N m: C v + g."""
-        return pin.nonLinearEffects(self._model, self._data, self.as_vector(q, "q"), self.as_vector(v, "v")).copy()
+        return pin.nonLinearEffects(self._model, self._workspace.data, *self._vectors(("q", "v"), q, v)).copy()
 
     def coriolis_matrix(self, q: Vector, v: Vector) -> np.ndarray:
         """(n, n) N m s: C of C v, Pinocchio's choice, for which M_dot - 2 C is skew."""
-        return pin.computeCoriolisMatrix(self._model, self._data, self.as_vector(q, "q"), self.as_vector(v, "v")).copy()
+        return pin.computeCoriolisMatrix(self._model, self._workspace.data, *self._vectors(("q", "v"), q, v)).copy()
 
     def forward_dynamics(self, q: Vector, v: Vector, tau: Vector) -> Vector:
         """(n,) rad/s^2: joint accelerations under joint torques tau (n,) N m."""
-        q, v, tau = self.as_vector(q, "q"), self.as_vector(v, "v"), self.as_vector(tau, "tau")
+        q, v, tau = self._vectors(("q", "v", "tau"), q, v, tau)
         if not self._has_inertia:
             self._refuse_dynamics()
-        return pin.aba(self._model, self._data, q, v, tau).copy()
+        return pin.aba(self._model, self._workspace.data, q, v, tau).copy()
 
     def inverse_dynamics(self, q: Vector, v: Vector, a: Vector) -> Vector:
         """(n,) N m: joint torques that give joint accelerations a (n,) rad/s^2."""
-        q, v, a = self.as_vector(q, "q"), self.as_vector(v, "v"), self.as_vector(a, "a")
-        return pin.rnea(self._model, self._data, q, v, a).copy()
+        q, v, a = self._vectors(("q", "v", "a"), q, v, a)
+        return pin.rnea(self._model, self._workspace.data, q, v, a).copy()
 
     def jacobian_time_variation(self, q: Vector, v: Vector) -> np.ndarray:
         """(6, n) dJ/dt of the tool frame along v, base axes."""
-        q, v, data = self.as_vector(q, "q"), self.as_vector(v, "v"), self._data
+        (q, v), data = self._vectors(("q", "v"), q, v), self._workspace.data
         pin.computeJointJacobiansTimeVariation(self._model, data, q, v)
         pin.updateFramePlacement(self._model, data, self._tool_id)
         J_dot = pin.getFrameJacobianTimeVariation(self._model, data, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
@@ -201,7 +194,7 @@ class Arm:
         SingularJacobianError
             J without full row rank (always, for fewer than six joints), and no damping.
         """
-        q, v = self.as_vector(q, "q"), self.as_vector(v, "v")
+        q, v = self._vectors(("q", "v"), q, v)
         if not self._has_inertia:
             self._refuse_dynamics()
         J = self.jacobian(q)
@@ -240,6 +233,18 @@ class Arm:
             raise ValueError(f"{name}: expected ({self.n},) finite numbers, got {_seen(x)}")
         return x
 
+    def _vectors(self, names: tuple[str, ...], *vectors: Vector) -> tuple[Vector, ...]:
+        """Each as (n,) finite floats; one look at all of them where they are that already."""
+        total = 0.0
+        for x in vectors:
+            if type(x) is not np.ndarray or x.dtype != float or x.shape != self._shape:
+                break
+            total += sum(x.tolist())
+        else:
+            if math.isfinite(total):
+                return vectors
+        return tuple(self.as_vector(x, name) for x, name in zip(vectors, names, strict=True))
+
     def _angles(self, q: Vector) -> Vector:
         """q as (..., n) finite floats."""
         if type(q) is np.ndarray and q.ndim == 1:
@@ -256,6 +261,13 @@ class Arm:
         for k, one in enumerate(q.reshape(-1, self.n)):
             out[k] = fun(one)
         return out.reshape(*q.shape[:-1], *shape)
+
+
+class _Workspace(threading.local):
+    """Each thread's own `pinocchio.Data`: Pinocchio writes results into it, so no two threads may share one."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self.data = model.createData()
 
 
 def frame_id(model: pin.Model, name: str) -> int:
