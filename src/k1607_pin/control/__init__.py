@@ -1,0 +1,1 @@
+"""Control laws, each written once as a pure function of arrays."""

@@ -1,0 +1,46 @@
+"""The adaptation of PD gains, (74)-(77): one definition for the joint-space, the Cartesian and the hybrid scheme.
+
+From (61) on the report's signs do not agree with each other. Worked out from (55)-(56), with Upsilon = -P_2 x_e - P_3 x_e':
+
+    (57) + (61):  B_1' = -Psi_1^-1 Upsilon x_e^T                       as printed in (64)
+    (66):         Lambda^-1 K_p' = -Psi_1^-1 Upsilon x_e^T             as printed in (69)
+    (72):         Psi_1 = Lambda / beta_1, positive definite           printed with a minus sign, which would not be
+    (74):         K_p' = -beta_1 Upsilon x_e^T                         printed without the minus sign
+    (76):         K_p' = +beta_1 (P_2 x_e + P_3 x_e') x_e^T            as printed
+
+so that (76)-(77) are right: (74)-(75) follow from the slip in (72)-(73), and the step to (76)-(77) drops it again.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Gains(NamedTuple):
+    """State of the adaptation."""
+
+    K_p: Any
+    """(m, m) proportional gains"""
+    K_d: Any
+    """(m, m) derivative gains"""
+
+
+def upsilon(P_2: Any, P_3: Any, error: Any, error_rate: Any) -> Any:
+    """(m,) -P_2 x_e - P_3 x_e', (58) for z_m = 0."""
+    return -(P_2 @ error) - P_3 @ error_rate
+
+
+def gain_rates(P_2: Any, P_3: Any, beta_1: Any, beta_2: Any, error: Any, error_rate: Any) -> Gains:
+    """K_p' and K_d' of (74)-(75), signs mended: (m, m) each from the error (m,) and its rate (m,)."""
+    y = -upsilon(P_2, P_3, error, error_rate)
+    return Gains(beta_1 * np.outer(y, error), beta_2 * np.outer(y, error_rate))
+
+
+def adapted(gains: Gains, rates: Gains, period: Any) -> Gains:
+    """The gains one control period [s] later: (76)-(77), the integral taken at the sample."""
+    return Gains(gains.K_p + period * rates.K_p, gains.K_d + period * rates.K_d)
+
+
+def proportional_derivative(gains: Gains, error: Any, error_rate: Any) -> Any:
+    """(m,) force K_p x_e + K_d x_e', (40)."""
+    return gains.K_p @ error + gains.K_d @ error_rate
