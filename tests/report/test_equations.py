@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from k1607_pin.kinematics import closed_form
-from k1607_pin.report import equations, equations_kinematics, polynomials
+from k1607_pin.report import equations, equations_jacobian, polynomials, sample
 from k1607_pin.report.equations import Equation, check, check_all, registry
 
 MISPRINTS = {5, 8, 9, 10, 16, 18, 28, 34, 35, 36}
@@ -58,7 +58,7 @@ def test_every_check_runs_the_function_that_it_names(number, monkeypatch):
 
     def clear():
         polynomials.exact.cache_clear()
-        for cached in (equations_kinematics.terms, equations_kinematics._well_conditioned):
+        for cached in (sample.terms, equations_jacobian._well_conditioned):
             cached.cache_clear()
 
     clear()
@@ -105,7 +105,7 @@ def test_a_wrong_closed_form_would_be_noticed(monkeypatch):
         return t._replace(f=(t.f[0], t.f[1], -t.f[2], *t.f[3:]))
 
     monkeypatch.setattr(closed_form, "terms", wrong)
-    for cached in (polynomials.exact, equations_kinematics.terms):
+    for cached in (polynomials.exact, sample.terms):
         cached.cache_clear()
     try:
         (eight,) = check_all([8])
@@ -114,7 +114,7 @@ def test_a_wrong_closed_form_would_be_noticed(monkeypatch):
         assert eight.residual > 0.1
     finally:
         monkeypatch.undo()
-        for cached in (polynomials.exact, equations_kinematics.terms):
+        for cached in (polynomials.exact, sample.terms):
             cached.cache_clear()
 
 

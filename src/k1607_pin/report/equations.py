@@ -83,9 +83,9 @@ def check(equation: Equation) -> Checked:
 
 def registry() -> list[Equation]:
     """All equations that run so far, by number."""
-    from k1607_pin.report import equations_kinematics, equations_orientation
+    from k1607_pin.report import equations_jacobian, equations_kinematics, equations_orientation
 
-    return [*equations_kinematics.EQUATIONS, *equations_orientation.EQUATIONS]
+    return [*equations_kinematics.EQUATIONS, *equations_jacobian.EQUATIONS, *equations_orientation.EQUATIONS]
 
 
 def check_all(numbers: Iterable[int] = ()) -> list[Checked]:

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from k1607_pin.kinematics import orientation as o
 from k1607_pin.report.equations import Equation
-from k1607_pin.report.equations_kinematics import gap
+from k1607_pin.report.sample import gap
 
 SMALL = 1e-3  # rad, angle of the differential rotations
 ROUNDING = 1e-13
