@@ -9,11 +9,13 @@ k1607.closed_form.forward_kinematics(q)
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics
 from k1607_pin.arm.load import load_example, load_k1607, load_urdf
+from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
 
 __all__ = [
     "Arm",
     "InverseKinematics",
+    "Payload",
     "closed_form",
     "differential",
     "inverse_kinematics",
@@ -22,5 +24,6 @@ __all__ = [
     "load_urdf",
     "nullspace",
     "orientation",
+    "with_payload",
 ]
 __version__ = "0.1.0"

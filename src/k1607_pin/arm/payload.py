@@ -1,0 +1,66 @@
+"""A payload in the hand: the same arm, carrying it, and what happens at the moment it is picked up."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from k1607_pin.arm.arm import Arm, frame_id
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A rigid body fixed to the tool frame.
+
+    Raises
+    ------
+    ValueError
+        Negative mass, numbers that are not finite, an inertia that no body of that mass has.
+    """
+
+    mass: float
+    """kg"""
+    cg: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) m in the tool frame"""
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    """(3, 3) kg m^2 about the cg, axes of the tool frame; zero for a point mass"""
+
+    def __post_init__(self) -> None:
+        cg, inertia = np.array(self.cg, dtype=float), np.array(self.inertia, dtype=float)
+        if not 0 <= self.mass < np.inf:
+            raise ValueError(f"mass: expected a finite mass >= 0 in kg, got {self.mass!r}")
+        if cg.shape != (3,) or not np.isfinite(cg).all():
+            raise ValueError(f"cg: expected (3,) finite numbers in m, got {self.cg!r}")
+        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or np.abs(inertia - inertia.T).max() > 0:
+            raise ValueError(f"inertia: expected a symmetric finite (3, 3) matrix in kg m^2, got {self.inertia!r}")
+        moments = np.linalg.eigvalsh(inertia)
+        slack = 1e-12 * max(moments[2], 0.0)
+        if moments[0] < -slack or moments[0] + moments[1] < moments[2] - slack:
+            raise ValueError(f"inertia: no body has principal moments {moments}")
+        if self.mass == 0 and moments[2] > 0:
+            raise ValueError("inertia: expected none for a payload without mass")
+        object.__setattr__(self, "cg", cg)
+        object.__setattr__(self, "inertia", inertia)
+
+
+def with_payload(arm: Arm, payload: Payload) -> Arm:
+    """The arm with a payload fixed to its tool frame; ``arm`` itself for a payload without mass.
+
+    Laying it down again is going back to ``arm``, which has not changed.
+    """
+    if payload.mass == 0:
+        return arm
+    model = arm.model
+    tool = model.frames[frame_id(model, arm.tool_frame)]
+    body = pin.Inertia(float(payload.mass), payload.cg, payload.inertia)
+    model.inertias[tool.parentJoint] += tool.placement.act(body)
+    return Arm(model, arm.tool_frame, arm.visual_model, arm.collision_model)
+
+
+def velocity_after_pickup(before: Arm, after: Arm, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(n,) rad/s after a payload at rest has been gripped, all at once: the joints' momentum is conserved, M' v' = M v.
+
+    before, after : the arm without and with it; q, v : (n,) at that moment. A payload that moves along with the tool before it is
+    gripped leaves v as it is. Laying a payload down changes no velocity either.
+    """
+    return np.linalg.solve(after.mass_matrix(q), before.mass_matrix(q) @ before.as_vector(v, "v"))
