@@ -175,6 +175,11 @@ class Arm:
         q, v, a = self._vectors(("q", "v", "a"), q, v, a)
         return pin.rnea(self._model, self._workspace.data, q, v, a).copy()
 
+    def energy(self, q: Vector, v: Vector) -> float:
+        """J: kinetic (rotors included) plus potential energy, the latter zero at the base's height."""
+        q, v = self._vectors(("q", "v"), q, v)
+        return float(v @ self.mass_matrix(q) @ v / 2 + pin.computePotentialEnergy(self._model, self._workspace.data, q))
+
     def jacobian_time_variation(self, q: Vector, v: Vector) -> np.ndarray:
         """(6, n) dJ/dt of the tool frame along v, base axes."""
         (q, v), data = self._vectors(("q", "v"), q, v), self._workspace.data
