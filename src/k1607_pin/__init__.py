@@ -11,6 +11,7 @@ from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics
 from k1607_pin.arm.load import load_example, load_k1607, load_urdf
 from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
+from k1607_pin.simulation.simulate import simulate
 
 __all__ = [
     "Arm",
@@ -24,6 +25,7 @@ __all__ = [
     "load_urdf",
     "nullspace",
     "orientation",
+    "simulate",
     "with_payload",
 ]
 __version__ = "0.1.0"

@@ -1,0 +1,137 @@
+"""`simulate`: the energy account closes, payloads come and go, what runs away is kept, bad input is refused."""
+
+import numpy as np
+import pytest
+
+import k1607_pin as k1607
+from k1607_pin.arm.payload import Payload, with_payload
+from k1607_pin.simulation.integrators import runge_kutta_4, semi_implicit_euler
+from k1607_pin.simulation.plant import Plant
+from k1607_pin.simulation.simulate import SimulationError, simulate
+
+BOX = Payload(4.5, np.array([0.0, 0.0, 0.1]), np.diag([0.03, 0.03, 0.02]))
+
+
+class Hold:
+    """PD about the first posture, weighted by the mass matrix, with gravity compensation; counts its updates in the state."""
+
+    def __init__(self, arm, stiffness=100.0, damping=20.0):
+        self.arm, self.stiffness, self.damping = arm, stiffness, damping
+
+    def start(self, q, v):
+        return q.copy(), 0
+
+    def update(self, t, q, v, state):
+        wanted, count = state
+        wish = self.stiffness * (wanted - q) - self.damping * v
+        tau = self.arm.gravity_torque(q) + self.arm.mass_matrix(q) @ wish
+        return tau, (wanted, count + 1), {"error": wanted - q, "count": count}
+
+
+def posture(arm):
+    return 0.5 * (np.maximum(arm.lower, -1) + np.minimum(arm.upper, 1)) + 0.3
+
+
+def test_log_has_names_units_and_what_the_controller_says(arm):
+    log = simulate(arm, Hold(arm), posture(arm), 0.2)
+    assert log.sizes["time"] == 21
+    assert log.q.dims == ("time", "joint")
+    assert list(log.joint.values) == list(arm.joint_names)
+    assert all("units" in log[name].attrs for name in ("q", "v", "tau", "energy", "time"))
+    assert log["count"].values.tolist() == list(range(21))
+    assert log.error.shape == (21, arm.n)
+    position = arm.forward_kinematics(log.q.values[7]).translation
+    assert log.tool_position.values[7] == pytest.approx(position, abs=1e-15)
+
+
+@pytest.mark.parametrize(("step", "order", "dt"), [(semi_implicit_euler, 1, 0.005), (runge_kutta_4, 4, 0.01)])
+def test_energy_account_closes_to_the_integrator_s_order(step, order, dt):
+    """Motors work, a payload comes along moving: what is left over falls with the step as the integrator's error does."""
+    arm = k1607.load_k1607()
+
+    def left(dt):
+        push = Hold(arm, stiffness=0.0, damping=-2.0)  # drives the motion instead of damping it
+        v0 = np.linspace(-0.5, 0.5, 7)
+        log = simulate(arm, push, posture(arm), 0.4, v0, 0.02, dt, step, payloads=[(0.2, BOX)])
+        assert abs(float(log.work[-1])) > 0.1
+        assert float(log.payload_energy[-1]) > 1  # lifted at the height of the hand
+        return abs(float(log.energy_residual[-1]))
+
+    residuals = [left(dt / k) for k in (1, 2, 4)]
+    orders = np.log2(np.array(residuals[:-1]) / residuals[1:])
+    assert orders[-1] == pytest.approx(order, abs=0.4)
+
+
+def test_friction_takes_what_the_motors_give_at_steady_motion():
+    arm = k1607.load_k1607(gravity=(0, 0, 0))
+    plant = Plant(arm, viscous=np.full(7, 5.0))
+    log = simulate(
+        plant, Hold(arm, 0.0, 0.0), posture(arm), 0.5, np.full(7, 0.3), physics_step=0.001, step=runge_kutta_4
+    )
+    assert float(log.dissipated[-1]) > 0.5
+    # the trapezoid over a step of a friction that falls off within 50 ms: second order
+    assert abs(float(log.energy_residual[-1])) < 1e-3 * float(log.dissipated[-1])
+
+
+def test_no_payload_changes_no_bit(arm):
+    plain, nothing = (simulate(arm, Hold(arm), posture(arm), 0.1, payloads=p) for p in ((), [(0.05, Payload(0.0))]))
+    assert plain.identical(nothing)
+
+
+def test_payload_comes_and_goes_at_its_times():
+    arm = k1607.load_k1607()
+    log = simulate(arm, Hold(arm), posture(arm), 0.3, payloads=[(0.1, BOX), (0.2, Payload(0.0))])
+    carrying = (log.time >= 0.1 - 1e-9) & (log.time < 0.2 - 1e-9)
+    assert (log.payload == np.where(carrying, BOX.mass, 0.0)).all()
+    sag = np.abs(log.error).max(log.error.dims[1])
+    assert float(sag.sel(time=0.19, method="nearest")) > 10 * float(sag.sel(time=0.09, method="nearest")) + 1e-4
+
+
+def test_from_rest_slows_the_arm_at_once_and_moving_along_does_not():
+    arm = k1607.load_k1607()
+    v0, q0 = np.full(7, 0.4), posture(arm)
+    at_once = simulate(arm, Hold(arm), q0, 0.01, v0, payloads=[(0.0, BOX)], from_rest=True).v.values[0]
+    along = simulate(arm, Hold(arm), q0, 0.01, v0, payloads=[(0.0, BOX)]).v.values[0]
+    assert np.array_equal(along, v0)
+    loaded = with_payload(arm, BOX)
+    assert loaded.mass_matrix(q0) @ at_once == pytest.approx(arm.mass_matrix(q0) @ v0, rel=1e-12)
+
+
+def test_what_runs_away_ends_with_an_error_and_keeps_the_log():
+    arm = k1607.load_k1607()
+    with pytest.raises(SimulationError, match="no longer finite") as caught:
+        simulate(arm, Hold(arm, stiffness=-1e4, damping=-1e3), posture(arm) + 0.1, 5.0, np.full(7, 0.1))
+    error = caught.value
+    assert 0 < error.time < 5
+    assert np.isfinite(error.q).all()
+    assert error.log.sizes["time"] == round(error.time / 0.01) + 1
+    assert np.isfinite(error.log.q).all()
+
+
+def test_progress_is_told():
+    arm, shares = k1607.load_k1607(), []
+    simulate(arm, Hold(arm), posture(arm), 0.1, progress=shares.append)
+    assert shares[0] == 0
+    assert shares[-1] == 1
+    assert shares == sorted(shares)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"duration": 0.105}, "duration"),
+        ({"duration": np.nan}, "duration"),
+        ({"control_period": -0.01}, "control_period"),
+        ({"physics_step": 0.003}, "physics_step"),
+        ({"q0": np.zeros(6)}, "q0"),
+        ({"v0": np.full(7, np.nan)}, "v0"),
+        ({"payloads": [(0.2, BOX), (0.1, BOX)]}, "payloads"),
+        ({"payloads": [(-0.1, BOX)]}, "payloads"),
+    ],
+)
+def test_bad_input_is_refused_before_the_first_step(changes, words):
+    arm = k1607.load_k1607()
+    arguments = {"q0": posture(arm), "duration": 0.1} | changes
+    with pytest.raises(ValueError, match=words):
+        simulate(arm, Hold(arm), **arguments)
