@@ -23,6 +23,5 @@ for beta in (0.0, 1e6):
     law = CartesianAdaptive(arm, Line(start.translation), start.rotation, gains, model, beta, beta, period=0.01)
     log = k1607.simulate(arm, law, q0, duration=3.0, payloads=payloads)
     error = log.error.values[:, :3] / INCH
-    print(
-        f"beta {beta:g}: largest error {np.abs(error).max(axis=0).round(3)} in, RMS {np.sqrt((error**2).mean(axis=0)).round(3)} in"
-    )
+    largest, rms = np.abs(error).max(axis=0).round(3), np.sqrt((error**2).mean(axis=0)).round(3)
+    print(f"beta {beta:g}: largest error {largest} in, RMS {rms} in (x, y, z)")
