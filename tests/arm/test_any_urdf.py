@@ -111,3 +111,21 @@ def test_pickled_and_copied_arms_are_the_same_arm(arm):
         assert (twin.tool_frame, twin.joint_names) == (arm.tool_frame, arm.joint_names)
         assert np.array_equal(twin.jacobian(q), arm.jacobian(q))
         assert np.array_equal(twin.mass_matrix(q), arm.mass_matrix(q))
+
+
+def test_a_massless_last_link_is_no_arm_for_dynamics(tmp_path):
+    """Its mass matrix is singular, but an eigenvalue may come out as 1e-17 instead of 0."""
+    joints = [("a", "revolute", "base", "1", "0.6 0 0.8"), ("b", "revolute", "1", "2", "0.36 0.48 0.8")]
+    path = urdf(tmp_path, joints)
+    text = path.read_text()
+    path.write_text(text.replace(LINK.format("2", ""), '<link name="2"/>'))
+    arm = k1607.load_urdf(path, "2")
+    with pytest.raises(ValueError, match="kinematics only"):
+        arm.forward_dynamics(np.zeros(2), np.zeros(2), np.ones(2))
+
+
+def test_eigenvalues_within_rounding_of_zero_count_as_zero(monkeypatch, reference):
+    monkeypatch.setattr(np.linalg, "eigvalsh", lambda M: np.array([1e-17, 1.0]))
+    arm = k1607.Arm(reference.model, "tool")
+    with pytest.raises(ValueError, match="kinematics only"):
+        arm.forward_dynamics(np.zeros(7), np.zeros(7), np.zeros(7))

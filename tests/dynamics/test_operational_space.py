@@ -76,3 +76,8 @@ def test_a_singular_posture_is_refused_or_damped_as_the_caller_says(reference):
         np.deg2rad([20, -30, 10, 80, 0, 60, 0]), np.zeros(7), damping=Damping(0.05, 0.05)
     )
     assert regular.damping == 0
+
+
+def test_damping_too_small_to_act_is_refused(reference):
+    with pytest.raises(SingularJacobianError):
+        reference.operational_space(np.zeros(7), np.zeros(7), damping=Damping(threshold=1e-30))

@@ -135,3 +135,28 @@ def test_bad_input_is_refused_before_the_first_step(changes, words):
     arguments = {"q0": posture(arm), "duration": 0.1} | changes
     with pytest.raises(ValueError, match=words):
         simulate(arm, Hold(arm), **arguments)
+
+
+@pytest.mark.parametrize("torque", [np.zeros(6), np.zeros((7, 1)), 0.0])
+def test_a_torque_of_wrong_shape_is_named_and_not_taken_for_a_runaway(torque):
+    arm = k1607.load_k1607()
+
+    class Wrong(Hold):
+        def update(self, t, q, v, state):
+            return torque, state, {}
+
+    with pytest.raises(ValueError, match=r"controller: expected a torque of shape \(7,\)"):
+        simulate(arm, Wrong(arm), posture(arm), 0.1)
+
+
+def test_a_torque_that_is_not_finite_never_reaches_the_arm():
+    arm = k1607.load_k1607()
+
+    class Broken(Hold):
+        def update(self, t, q, v, state):
+            tau, state, log = super().update(t, q, v, state)
+            return tau if t < 0.045 else tau * np.nan, state, log
+
+    with pytest.raises(SimulationError, match=r"after t = 0\.05 s") as caught:
+        simulate(arm, Broken(arm), posture(arm), 0.1)
+    assert np.isfinite(caught.value.log.q).all()

@@ -39,7 +39,7 @@ class Arm:
         self._collision_model = collision_model and collision_model.copy()
         self._workspace = _Workspace(self._model)
         eigenvalues = np.linalg.eigvalsh(self.mass_matrix(pin.neutral(self._model)))
-        self._has_inertia = bool(eigenvalues[0] > 0)
+        self._has_inertia = bool(eigenvalues[0] > self._n * np.finfo(float).eps * eigenvalues[-1])  # above rounding
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled as what it was made from; the threads' workspaces stay behind."""
@@ -197,7 +197,7 @@ class Arm:
         Raises
         ------
         SingularJacobianError
-            J without full row rank (always, for fewer than six joints), and no damping.
+            J without full row rank (always, for fewer than six joints), and no damping, or too little to act.
         """
         q, v = self._vectors(("q", "v"), q, v)
         if not self._has_inertia:
@@ -205,7 +205,8 @@ class Arm:
         J = self.jacobian(q)
         sigma = np.linalg.svd(J, compute_uv=False)
         sigma_min = float(sigma[-1]) if self.n >= 6 else 0.0
-        if damping is None and sigma_min <= RANK_TOLERANCE * sigma[0]:
+        lam = damping.at(sigma_min) if damping else 0.0
+        if lam == 0 and sigma_min <= RANK_TOLERANCE * sigma[0]:
             raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0]))
         T = self.forward_kinematics(q)
         return operational_space(
@@ -217,7 +218,7 @@ class Arm:
             np.concatenate([T.translation, pin.log3(T.rotation)]),
             v,
             sigma_min,
-            damping.at(sigma_min) if damping else 0.0,
+            lam,
         )
 
     def _refuse_dynamics(self) -> None:

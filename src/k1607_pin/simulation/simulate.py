@@ -68,7 +68,7 @@ def simulate(
     Raises
     ------
     ValueError
-        Wrong shapes, non-finite or out-of-order times, periods that do not fit.
+        Wrong shapes, the controller's torque included; non-finite or out-of-order times; periods that do not fit.
     SimulationError
         The state is no longer finite; it carries the log so far.
     """
@@ -94,7 +94,10 @@ def simulate(
             plant = loaded
             brought += plant.energy(q, v) - before
         tau, state, log = controller.update(t, q, v, state)
-        tau = plant.motor_torque(np.asarray(tau, dtype=float))
+        tau = np.asarray(tau, dtype=float)
+        if tau.shape != (bare.n,):
+            raise ValueError(f"controller: expected a torque of shape ({bare.n},), got {tau.shape}")
+        tau = plant.motor_torque(tau)
         energy = plant.energy(q, v)
         records.append(
             {
