@@ -64,7 +64,11 @@ def test_gains_move_with_beta_and_not_without(line_with_payload):
 
 @pytest.mark.parametrize(
     ("name", "q0"),
-    [("panda", [0.0, -0.3, 0.0, -1.8, 0.0, 1.6, 0.5]), ("ur5", [0.3, -1.2, 1.4, -0.9, -1.2, 0.2])],
+    [
+        ("panda", [0.0, -0.3, 0.0, -1.8, 0.0, 1.6, 0.5]),
+        ("ur5", [0.3, -1.2, 1.4, -0.9, -1.2, 0.2]),
+        ("xarm7", [0.2, -0.4, 0.3, 1.2, 0.2, 1.3, 0.1]),
+    ],
 )
 def test_the_same_calls_run_another_arm(name, q0):
     arm = k1607.load_example(name, armature=np.full(len(q0), 0.1), gravity=(0, 0, 0))

@@ -45,7 +45,7 @@ def test_power_of_friction_is_what_energy_loses(arm):
     q, v = arm.random_configuration(rng), rng.normal(size=arm.n)
     a = plant.acceleration(q, v, np.zeros(arm.n))
     change = (plant.energy(q + h * v, v + h * a) - plant.energy(q - h * v, v - h * a)) / (2 * h)
-    lost = v @ plant.friction(v)
+    lost = v @ plant.loss_torque(q, v)
     assert lost > 0
     assert change == pytest.approx(-lost, rel=1e-6, abs=1e-6)  # rounding of the energy, some 100 J, over the step
 

@@ -35,6 +35,7 @@ class Arm:
         self._shape = (self._n,)
         self._tool_frame = tool_frame
         self._tool_id = frame_id(model, tool_frame)
+        self._frame_ids: dict[str, int] = {}
         self._visual_model = visual_model and visual_model.copy()
         self._collision_model = collision_model and collision_model.copy()
         self._workspace = _Workspace(self._model)
@@ -119,14 +120,17 @@ class Arm:
 
     # Kinematics
 
-    def forward_kinematics(self, q: Vector) -> Any:
-        """T_base_tool as `pinocchio.SE3` [m] for q (n,); for a batch q (..., n), homogeneous matrices (..., 4, 4)."""
+    def forward_kinematics(self, q: Vector, frame: str | None = None) -> Any:
+        """T_base_tool as `pinocchio.SE3` [m] for q (n,); for a batch q (..., n), homogeneous matrices (..., 4, 4).
+
+        ``frame`` names another frame of the arm in place of the tool.
+        """
         q = self._angles(q)
         if q.ndim > 1:
-            return self._batch(lambda x: self.forward_kinematics(x).homogeneous, q, (4, 4))
-        data = self._workspace.data
+            return self._batch(lambda x: self.forward_kinematics(x, frame).homogeneous, q, (4, 4))
+        data, i = self._workspace.data, self._tool_id if frame is None else self._frame_id(frame)
         pin.forwardKinematics(self._model, data, q)
-        return pin.updateFramePlacement(self._model, data, self._tool_id)  # a copy, not a reference into data
+        return pin.updateFramePlacement(self._model, data, i)  # a copy, not a reference into data
 
     def frames(self, q: Vector) -> list[pin.SE3]:
         """The n joint frames in the base frame for q (n,): frames {1} to {n} of a modified D-H arm."""
@@ -135,12 +139,16 @@ class Arm:
         pin.forwardKinematics(self._model, data, q)
         return [pin.SE3(data.oMi[i]) for i in range(1, self.n + 1)]
 
-    def jacobian(self, q: Vector) -> np.ndarray:
-        """(..., 6, n) of the tool frame, linear rows [m] first, base axes, for q (..., n)."""
+    def jacobian(self, q: Vector, frame: str | None = None) -> np.ndarray:
+        """(..., 6, n) of the tool frame, linear rows [m] first, base axes, for q (..., n).
+
+        ``frame`` names another frame of the arm in place of the tool.
+        """
         q = self._angles(q)
         if q.ndim > 1:
-            return self._batch(self.jacobian, q, (6, self.n))
-        J = pin.computeFrameJacobian(self._model, self._workspace.data, q, self._tool_id, pin.LOCAL_WORLD_ALIGNED)
+            return self._batch(lambda x: self.jacobian(x, frame), q, (6, self.n))
+        i = self._tool_id if frame is None else self._frame_id(frame)
+        J = pin.computeFrameJacobian(self._model, self._workspace.data, q, i, pin.LOCAL_WORLD_ALIGNED)
         return J.reshape(6, self.n)  # Pinocchio hands back (6,) for one joint
 
     # Dynamics
@@ -229,6 +237,11 @@ class Arm:
 
     # Arguments
 
+    def _frame_id(self, name: str) -> int:
+        if name not in self._frame_ids:
+            self._frame_ids[name] = frame_id(self._model, name, "frame")
+        return self._frame_ids[name]
+
     def as_vector(self, x: Vector, name: str) -> Vector:
         """x as (n,) finite floats; `ValueError` says what `name` should have been."""
         if type(x) is not np.ndarray or x.dtype != float:
@@ -276,18 +289,18 @@ class _Workspace(threading.local):
         self.data = model.createData()
 
 
-def frame_id(model: pin.Model, name: str) -> int:
+def frame_id(model: pin.Model, name: str, argument: str = "tool_frame") -> int:
     """Index of the frame ``name``: the link of that name where a joint has it too.
 
     Raises
     ------
     ValueError
-        No such frame; the message lists the links.
+        No such frame; the message names the argument and lists the links.
     """
     named = [i for i, frame in enumerate(model.frames) if frame.name == name]
     if not named:
         links = ", ".join(frame.name for frame in model.frames if frame.type == pin.BODY)
-        raise ValueError(f"tool_frame: no frame {name!r} in {model.name!r}, expected one of {links}")
+        raise ValueError(f"{argument}: no frame {name!r} in {model.name!r}, expected one of {links}")
     return next((i for i in named if model.frames[i].type == pin.BODY), named[0])
 
 

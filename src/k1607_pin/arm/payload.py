@@ -57,6 +57,20 @@ def with_payload(arm: Arm, payload: Payload) -> Arm:
     return Arm(model, arm.tool_frame, arm.visual_model, arm.collision_model)
 
 
+def blend(first: Payload, second: Payload, share: float) -> Payload:
+    """(1 - share) of the first and ``share`` of the second, held together: masses, moments and inertias mix as they add."""
+    if share in (0.0, 1.0):
+        return (first, second)[int(share)]
+    a, b = (1 - share) * first.mass, share * second.mass
+    if a + b == 0:
+        return second
+    apart = second.cg - first.cg
+    # Steiner's part in the bodies' relative position: exactly zero where only one of them has mass
+    steiner = a * b / (a + b) * ((apart @ apart) * np.eye(3) - np.outer(apart, apart))
+    inertia = (1 - share) * first.inertia + share * second.inertia + steiner
+    return Payload(a + b, first.cg + b / (a + b) * apart, inertia)
+
+
 def velocity_after_pickup(before: Arm, after: Arm, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(n,) rad/s after a payload at rest has been gripped, all at once: the joints' momentum is conserved, M' v' = M v.
 

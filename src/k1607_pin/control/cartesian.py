@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.arm.reach import require_reachable
 from k1607_pin.control.adaptation import Gains, adapted, gain_rates, proportional_derivative
+from k1607_pin.control.posture import Posture, posture_torque
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.kinematics.orientation import orientation_error
 
@@ -69,9 +71,9 @@ class CartesianAdaptive:
     """
 
     arm: Arm
-    """Kinematics alone are used: the law knows no masses."""
+    """Without a posture to hold, its kinematics alone are used: the law knows no masses."""
     path: Callable[[float], Any]
-    """Time [s] -> wanted .position (3,) m and .velocity (3,) m/s"""
+    """Time [s] -> wanted .position (3,) m, .velocity (3,) m/s and .acceleration (3,) m/s^2 (which is logged, not used)"""
     rotation: np.ndarray
     """(3, 3) wanted orientation, tool in base"""
     gains: Gains
@@ -82,18 +84,38 @@ class CartesianAdaptive:
     beta_2: float
     period: float
     """s, the control period"""
+    posture: Posture | None = None
+    """What the null space is to hold; None leaves it to itself, as the report does. Uses the arm's mass matrix."""
 
-    def start(self, q: np.ndarray, v: np.ndarray) -> Gains:
-        """The initial gains."""
+    variables: ClassVar[dict[str, tuple[tuple[str, ...], str]]] = {
+        "error": (("direction",), "m, rad"),
+        "error_rate": (("direction",), "m/s, rad/s"),
+        "wanted_position": (("axis",), "m"),
+        "wanted_velocity": (("axis",), "m/s"),
+        "wanted_acceleration": (("axis",), "m/s^2"),
+        "K_p": (("row", "column"), "N/m, N/rad; N, N m/rad"),
+        "K_d": (("row", "column"), "N s/m, N s/rad; N s, N m s/rad"),
+    }
+    """What it logs: dimensions and units."""
+
+    def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> Gains:
+        """The initial gains, when the path can be followed from q to ``duration`` [s].
+
+        Raises
+        ------
+        UnreachableError
+            The arm has no posture within its limits for a point of the path.
+        """
+        require_reachable(self.arm, self.path, self.rotation, q, duration)
         return self.gains
 
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: Gains) -> tuple[np.ndarray, Gains, dict[str, Any]]:
-        """Torque (n,), adapted gains, and the log: errors and gains."""
-        tool, wanted = self.arm.forward_kinematics(q), self.path(t)
+        """Torque (n,), adapted gains, and the log: errors, what was wanted, and the gains at work."""
+        tool, J, wanted = self.arm.forward_kinematics(q), self.arm.jacobian(q), self.path(t)
         step = cartesian_adaptive(
             tool.translation,
             tool.rotation,
-            self.arm.jacobian(q),
+            J,
             v,
             wanted.position,
             self.rotation,
@@ -105,8 +127,19 @@ class CartesianAdaptive:
             self.beta_2,
             self.period,
         )
-        log = {"error": step.error, "error_rate": step.error_rate, "K_p": state.K_p, "K_d": state.K_d}
-        return step.torque, step.gains, log
+        log = {
+            "error": step.error,
+            "error_rate": step.error_rate,
+            "wanted_position": wanted.position,
+            "wanted_velocity": wanted.velocity,
+            "wanted_acceleration": wanted.acceleration,
+            "K_p": state.K_p,
+            "K_d": state.K_d,
+        }
+        torque = step.torque
+        if self.posture:
+            torque = torque + posture_torque(self.arm.mass_matrix(q), J, q, v, *self.posture)
+        return torque, step.gains, log
 
 
 def gains_from_inertia(arm: Arm, q: np.ndarray, omega: float, damping: float = 1.0) -> Gains:

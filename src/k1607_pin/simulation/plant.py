@@ -1,6 +1,6 @@
-"""The plant: an arm with friction and torque limits."""
+"""The plant: an arm with friction, torque limits and joint stops."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ class Plant:
     Raises
     ------
     ValueError
-        Friction or limits of wrong shape, negative, or not finite (infinite limits are no limits).
+        Friction, limits or stops of wrong shape, negative, or not finite (infinite torque limits are no limits).
     """
 
     arm: Arm
@@ -26,28 +26,64 @@ class Plant:
     """(n,) N m: Coulomb friction; empty for none."""
     torque_limit: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n,) N m: largest torque of each motor; empty for none."""
+    stop_stiffness: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(n,) N m/rad of the stops at the arm's joint limits; empty for none. An explicit integrator of step dt needs it well
+    below M/dt^2, M being what the joint moves."""
+    stop_damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(n,) N m s of the stops, while touched; empty for none."""
+    _lower: np.ndarray = field(init=False, repr=False, compare=False)
+    _upper: np.ndarray = field(init=False, repr=False, compare=False)
+    _has_stops: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name, default in (("viscous", 0.0), ("coulomb", 0.0), ("torque_limit", np.inf)):
+        for name in ("viscous", "coulomb", "torque_limit", "stop_stiffness", "stop_damping"):
+            default = np.inf if name == "torque_limit" else 0.0
             x = np.array(getattr(self, name), dtype=float)
             x = np.full(self.arm.n, default) if x.size == 0 else x
             finite = np.isfinite(x) | ((x == np.inf) & (name == "torque_limit"))
             if x.shape != (self.arm.n,) or not finite.all() or (x < 0).any():
                 raise ValueError(f"{name}: expected ({self.arm.n},) numbers >= 0, got {getattr(self, name)!r}")
             object.__setattr__(self, name, x)
+        object.__setattr__(self, "_lower", self.arm.lower)
+        object.__setattr__(self, "_upper", self.arm.upper)
+        object.__setattr__(self, "_has_stops", bool((self.stop_stiffness > 0).any() or (self.stop_damping > 0).any()))
 
-    def friction(self, v: np.ndarray) -> np.ndarray:
-        """(n,) N m against the motion at joint velocities v (n,); Coulomb's part smoothed over `REST`."""
-        return self.viscous * v + self.coulomb * np.tanh(v / REST)
+    def carrying(self, arm: Arm) -> "Plant":
+        """The same plant with another arm, the loaded one say."""
+        return replace(self, arm=arm)
 
     def motor_torque(self, tau: np.ndarray) -> np.ndarray:
         """(n,) N m that the motors give when asked for tau (n,)."""
         return np.clip(tau, -self.torque_limit, self.torque_limit)
 
-    def acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """(n,) rad/s^2 at q, v (n,) when the motors are asked for tau (n,) N m."""
-        return self.arm.forward_dynamics(q, v, self.motor_torque(tau) - self.friction(v))
+    def loss_torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(n,) N m against the motion that turns energy into heat: friction, Coulomb's part smoothed over `REST`, and the
+        stops' damping."""
+        friction = self.viscous * v + self.coulomb * np.tanh(v / REST)
+        return friction + self._stop_loss(self._beyond(q), v) if self._has_stops else friction
+
+    def spring_torque(self, q: np.ndarray) -> np.ndarray:
+        """(n,) N m: the stops' elastic part, towards the range."""
+        return -self.stop_stiffness * self._beyond(q)
+
+    def acceleration(
+        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, external: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """(n,) rad/s^2 at q, v (n,) when the motors are asked for tau (n,) and the world adds ``external`` (n,) N m."""
+        torque = self.motor_torque(tau) - self.loss_torque(q, v) + external
+        return self.arm.forward_dynamics(q, v, torque + self.spring_torque(q) if self._has_stops else torque)
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> float:
-        """J: kinetic (rotors included) and potential energy."""
-        return self.arm.energy(q, v)
+        """J: kinetic (rotors included), potential, and that of the stops' springs."""
+        energy = self.arm.energy(q, v)
+        return energy + float(self.stop_stiffness @ self._beyond(q) ** 2) / 2 if self._has_stops else energy
+
+    def _beyond(self, q: np.ndarray) -> np.ndarray:
+        """(n,) rad by which each joint is past its range, with its sign; 0 within."""
+        return np.maximum(q - self._upper, 0.0) - np.maximum(self._lower - q, 0.0)
+
+    def _stop_loss(self, beyond: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The stop's push less its elastic part; a stop pushes and never pulls."""
+        spring = self.stop_stiffness * beyond
+        push = spring + self.stop_damping * np.abs(np.sign(beyond)) * v
+        return np.where(push * beyond > 0, push, 0.0) - spring

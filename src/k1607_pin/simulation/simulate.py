@@ -1,4 +1,4 @@
-"""One closed-loop rollout at Python speed: any controller, payloads on a schedule, and an energy account."""
+"""One closed-loop rollout at Python speed: any controller, payloads on a schedule, forces from outside, and an energy account."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
@@ -7,28 +7,48 @@ import numpy as np
 import xarray as xr
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.payload import Payload, velocity_after_pickup, with_payload
+from k1607_pin.arm.payload import velocity_after_pickup, with_payload
+from k1607_pin.arm.wrench import Wrench, wrench_torque
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
+from k1607_pin.simulation.schedule import NOTHING, PayloadSchedule
+
+Variables = Mapping[str, tuple[tuple[str, ...], str]]
+"""Name of a logged variable -> dimensions after time, unit."""
+
+External = Callable[[float, np.ndarray, np.ndarray], Wrench | None]
+"""Time [s], q, v (n,) -> what the world does to the arm."""
+
+Observer = Callable[[Arm, np.ndarray, np.ndarray], Mapping[str, Any]]
+"""The arm with what it carries, q, v (n,) -> named arrays to log."""
 
 
 class Controller(Protocol):
-    """What `simulate` runs: a state and a pure update of it."""
+    """What `simulate` runs: a state and a pure update of it.
 
-    def start(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """The controller's state at time 0, for joint angles and velocities (n,)."""
+    It may have an attribute ``variables``, `Variables` of what it logs; so may an observer.
+    """
+
+    def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> Any:
+        """The controller's state at time 0, for joint angles and velocities (n,).
+
+        Raises `ValueError` for what cannot be done from there within ``duration`` [s].
+        """
 
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: Any) -> tuple[np.ndarray, Any, Mapping[str, Any]]:
         """Torque (n,) N m to hold from t on, the next state, and named arrays to log; changes nothing in place."""
 
 
+RUNAWAY = 1e4  # rad/s (m/s): no arm moves like that; well before the numbers overflow
+
+
 class SimulationError(RuntimeError):
-    """A rollout that left the finite numbers."""
+    """A rollout that ran away."""
 
     def __init__(self, time: float, q: np.ndarray, v: np.ndarray, log: xr.Dataset) -> None:
         self.time, self.q, self.v, self.log = time, q, v, log
         super().__init__(
-            f"the state is no longer finite after t = {time:.4g} s; the last finite one is q = {np.round(q, 4).tolist()}, "
+            f"the state has run away after t = {time:.4g} s; the last good one is q = {np.round(q, 4).tolist()}, "
             f"v = {np.round(v, 4).tolist()}; .log holds {log.sizes['time']} samples"
         )
 
@@ -42,56 +62,64 @@ def simulate(
     control_period: float = 0.01,
     physics_step: float = 0.001,
     step: Callable[[Acceleration, np.ndarray, np.ndarray, float], State] = semi_implicit_euler,
-    payloads: Sequence[tuple[float, Payload]] = (),
+    payloads: Sequence[Any] = (),
     from_rest: bool = False,
+    external: External | None = None,
+    observe: Observer | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Run a controller on an arm and log every control period.
 
     Parameters
     ----------
-    plant : what to control; an `Arm` alone has neither friction nor torque limits.
+    plant : what to control; an `Arm` alone has neither friction nor torque limits nor joint stops.
     q0, v0 : (n,) rad, rad/s at the start; v0 None for rest.
     duration, control_period, physics_step : s; torque is held for a control period, a whole number of physics steps.
     step : `semi_implicit_euler` or `runge_kutta_4`.
-    payloads : (time [s], payload) from that time on, in order of time; `Payload(0.0)` for none. Taken up at control samples.
+    payloads : (time [s], payload) or (time, payload, ramp [s]), see `PayloadChange`: carried from that time on, or growing
+        until ramp later; `Payload(0.0)` for none. Taken up at the nearest control sample.
     from_rest : whether a payload that is picked up was at rest, so that the arm gives it momentum; else it moved along.
+    external : what the world does to the arm, a `Wrench` with its frame, as a function of time, q and v; the time is that of the
+        physics step's beginning.
+    observe : logs what it finds at every control sample of the arm with its payload, `observe_operational_space` say.
     progress : told the share done, 0 to 1, now and then.
 
     Returns
     -------
     Dataset over ``time`` (s, control samples 0 to duration): ``q``, ``v``, ``tau`` (time, joint), the torque held from that time
-    on; ``tool_position`` (time, axis) m; ``payload`` kg; and in J ``energy``, ``work`` done by the motors, ``dissipated`` by
-    friction, ``payload_energy`` brought or taken by payloads, and ``energy_residual`` = energy - energy at 0 - work + dissipated
-    - payload_energy: what the integrator made or lost. And what the controller logs, dimensions named after it.
+    on; ``tool_position`` (time, axis) m; ``payload`` kg; and in J ``energy``, ``work`` done by the motors, ``external_work``,
+    ``dissipated`` by friction and stops, ``payload_energy`` brought or taken by payloads, and ``energy_residual`` = energy -
+    energy at 0 - work - external_work + dissipated - payload_energy: what the integrator made or lost. And what controller and
+    observer log, dimensions named after it where they do not say otherwise.
 
     Raises
     ------
     ValueError
         Wrong shapes, the controller's torque included; non-finite or out-of-order times; periods that do not fit.
     SimulationError
-        The state is no longer finite; it carries the log so far.
+        A joint is faster than `RUNAWAY`, or the state or the torque is no longer finite; it carries the log so far.
     """
     plant = Plant(plant) if isinstance(plant, Arm) else plant
     bare = plant.arm
     q = bare.as_vector(q0, "q0").copy()
     v = np.zeros(bare.n) if v0 is None else bare.as_vector(v0, "v0").copy()
     samples, substeps = _grid(duration, control_period, physics_step)
-    schedule = _schedule(payloads)
-    state = controller.start(q, v)
-    carried = Payload(0.0)
-    work = dissipated = brought = 0.0
+    schedule = PayloadSchedule(payloads, duration)
+    variables = VARIABLES | dict(getattr(controller, "variables", {})) | dict(getattr(observe, "variables", {}))
+    state = controller.start(q, v, duration)
+    carried = NOTHING
+    work = from_outside = dissipated = brought = 0.0
     records: list[dict[str, Any]] = []
     start_energy = plant.energy(q, v)
     for k in range(samples + 1):
         t = k * control_period
-        while schedule and schedule[0][0] <= t + control_period / 2:
-            carried = schedule.pop(0)[1]
-            loaded = Plant(with_payload(bare, carried), plant.viscous, plant.coulomb, plant.torque_limit)
+        payload = schedule.at(t + control_period / 2)
+        if payload is not carried:
+            loaded = plant.carrying(with_payload(bare, payload))
             before = plant.energy(q, v)
-            if from_rest and carried.mass > 0:
+            if from_rest and payload.mass > carried.mass:
                 v = velocity_after_pickup(plant.arm, loaded.arm, q, v)
-            plant = loaded
+            plant, carried = loaded, payload
             brought += plant.energy(q, v) - before
         tau, state, log = controller.update(t, q, v, state)
         tau = np.asarray(tau, dtype=float)
@@ -108,10 +136,12 @@ def simulate(
                 "payload": carried.mass,
                 "energy": energy,
                 "work": work,
+                "external_work": from_outside,
                 "dissipated": dissipated,
                 "payload_energy": brought,
-                "energy_residual": energy - start_energy - work + dissipated - brought,
+                "energy_residual": energy - start_energy - work - from_outside + dissipated - brought,
                 **log,
+                **(observe(plant.arm, q, v) if observe else {}),
             }
         )
         if progress and k % max(1, samples // 100) == 0:
@@ -119,25 +149,48 @@ def simulate(
         if k == samples:
             break
         if not np.isfinite(tau).all():
-            raise SimulationError(t, q, v, _dataset(records, control_period, bare))
-        for _ in range(substeps):
-            q_next, v_next = _step(plant, step, q, v, tau, physics_step)
-            if not (np.isfinite(q_next).all() and np.isfinite(v_next).all()):
-                raise SimulationError(t, q, v, _dataset(records, control_period, bare))
+            raise SimulationError(t, q, v, _dataset(records, control_period, bare, variables))
+        for i in range(substeps):
+            push = _push(plant.arm, external, t + i * physics_step)
+            q_next, v_next = _step(plant, step, q, v, tau, push, physics_step)
+            if not np.abs(v_next).max() < RUNAWAY:  # NaN included; a finite v gives a finite q
+                raise SimulationError(t, q, v, _dataset(records, control_period, bare, variables))
             moved = q_next - q
             work += float(tau @ moved)  # exact: the torque is held
-            dissipated += float((plant.friction(v) + plant.friction(v_next)) / 2 @ moved)
+            dissipated += float((plant.loss_torque(q, v) + plant.loss_torque(q_next, v_next)) / 2 @ moved)
+            if push:
+                from_outside += float((push(q, v) + push(q_next, v_next)) / 2 @ moved)
             q, v = q_next, v_next
-    return _dataset(records, control_period, bare)
+    return _dataset(records, control_period, bare, variables)
 
 
-def _step(plant: Plant, step: Any, q: np.ndarray, v: np.ndarray, tau: np.ndarray, dt: float) -> State:
+Push = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""q, v (n,) -> torque (n,) N m of the world on the joints."""
+
+
+def _push(arm: Arm, external: External | None, t: float) -> Push | None:
+    if external is None:
+        return None
+
+    def push(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        wrench = external(t, q, v)
+        return np.zeros(arm.n) if wrench is None else wrench_torque(arm, q, wrench)
+
+    return push
+
+
+def _step(
+    plant: Plant, step: Any, q: np.ndarray, v: np.ndarray, tau: np.ndarray, push: Push | None, dt: float
+) -> State:
     """One physics step; NaN where the plant refuses numbers that have run away."""
+
+    def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):  # an intermediate state
+            return np.full_like(q, np.nan)
+        return plant.acceleration(q, v, tau, push(q, v) if push else 0.0)
+
     with np.errstate(over="ignore", invalid="ignore"):
-        try:
-            return step(lambda q, v: plant.acceleration(q, v, tau), q, v, dt)
-        except ValueError:  # an intermediate state that is not finite
-            return np.full_like(q, np.nan), np.full_like(v, np.nan)
+        return step(acceleration, q, v, dt)
 
 
 def _grid(duration: float, control_period: float, physics_step: float) -> tuple[int, int]:
@@ -156,31 +209,35 @@ def _grid(duration: float, control_period: float, physics_step: float) -> tuple[
     return samples, substeps
 
 
-def _schedule(payloads: Sequence[tuple[float, Payload]]) -> list[tuple[float, Payload]]:
-    times = [time for time, _ in payloads]
-    if not np.isfinite(times).all() or sorted(times) != times or (times and times[0] < 0):
-        raise ValueError(f"payloads: expected times >= 0 s in order, got {times}")
-    return list(payloads)
+VARIABLES: dict[str, tuple[tuple[str, ...], str]] = {
+    "q": (("joint",), "rad"),
+    "v": (("joint",), "rad/s"),
+    "tau": (("joint",), "N m"),
+    "tool_position": (("axis",), "m"),
+    "payload": ((), "kg"),
+    "energy": ((), "J"),
+    "work": ((), "J"),
+    "external_work": ((), "J"),
+    "dissipated": ((), "J"),
+    "payload_energy": ((), "J"),
+    "energy_residual": ((), "J"),
+}
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
+"""Of Cartesian errors and forces: along and about the base's axes."""
 
 
-UNITS = {
-    "q": "rad", "v": "rad/s", "tau": "N m", "tool_position": "m", "payload": "kg", "energy": "J", "work": "J",
-    "dissipated": "J", "payload_energy": "J", "energy_residual": "J",
-}  # fmt: skip
-DIMENSIONS = {"q": ("joint",), "v": ("joint",), "tau": ("joint",), "tool_position": ("axis",)}
-
-
-def _dataset(records: list[dict[str, Any]], period: float, arm: Arm) -> xr.Dataset:
-    variables = {}
+def _dataset(records: list[dict[str, Any]], period: float, arm: Arm, variables: Variables) -> xr.Dataset:
+    logged = {}
     for name in records[0]:
         values = np.array([record[name] for record in records])
-        dims = DIMENSIONS.get(name, tuple(f"{name}_{k}" for k in range(values.ndim - 1)))
-        variables[name] = (("time", *dims), values, {"units": UNITS.get(name, "")})
+        dims, unit = variables.get(name, (tuple(f"{name}_{k}" for k in range(values.ndim - 1)), ""))
+        logged[name] = (("time", *dims), values, {"units": unit})
+    coordinates = {"joint": list(arm.joint_names), "axis": ["x", "y", "z"], "direction": list(DIRECTIONS)}
+    used = {dim for dims, _, _ in logged.values() for dim in dims}
     return xr.Dataset(
-        variables,
+        logged,
         coords={
             "time": ("time", np.arange(len(records)) * period, {"units": "s"}),
-            "joint": list(arm.joint_names),
-            "axis": ["x", "y", "z"],
+            **{name: labels for name, labels in coordinates.items() if name in used},
         },
     )

@@ -1,0 +1,63 @@
+"""Whether an arm can follow a path at all: asked before the first step, answered with the place where it cannot."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from k1607_pin.arm.arm import Arm
+from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, pose_error
+
+CLOSE = 1e-6  # m, rad: near enough to say that a point is reached
+LOOKS = 40  # points of a path that are looked at
+
+
+class UnreachableError(ValueError):
+    """A point of a path that the arm has no posture for."""
+
+    def __init__(self, arm: Arm, time: float, position: np.ndarray, closest: InverseKinematics) -> None:
+        self.time, self.position, self.closest = time, position, closest
+        at_limit = f"; at its limits there: {', '.join(closest.at_limit)}" if closest.at_limit else ""
+        super().__init__(
+            f"path: {arm.name!r} cannot bring {arm.tool_frame!r} to {np.round(position, 4).tolist()} m in the wanted orientation, "
+            f"t = {time:.4g} s: of {closest.starts} attempts the closest misses by {closest.position_error:.3g} m and "
+            f"{closest.orientation_error:.3g} rad{at_limit}"
+        )
+
+
+def require_reachable(
+    arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.ndarray, duration: float
+) -> np.ndarray:
+    """(LOOKS, n) rad: a posture within the limits for points of the path, evenly spaced in time, each found from the one before.
+
+    Parameters
+    ----------
+    path : time [s] -> wanted .position (3,) m; rotation : (3, 3) wanted orientation, held; q : (n,) where to start looking, rad.
+
+    Raises
+    ------
+    UnreachableError
+        None was found for a point; it says which, when, and how close the arm comes.
+    """
+    postures = []
+    for t in np.linspace(0.0, duration, LOOKS):
+        wanted = pin.SE3(np.asarray(rotation, dtype=float), np.asarray(path(t).position, dtype=float))
+        near = _nearby(arm, wanted, q)
+        if near is None:
+            found = inverse_kinematics(arm, wanted, q, CLOSE, CLOSE)
+            if not found.converged:
+                raise UnreachableError(arm, float(t), wanted.translation, found)
+            near = found.q
+        postures.append(q := near)
+    return np.array(postures)
+
+
+def _nearby(arm: Arm, wanted: pin.SE3, q: np.ndarray) -> np.ndarray | None:
+    """A posture close to q by a few Newton steps; None when they do not lead there, or out of the limits."""
+    for _ in range(8):
+        error = pose_error(wanted, arm.forward_kinematics(q))
+        if np.abs(error).max() < CLOSE:
+            return q if ((q >= arm.lower) & (q <= arm.upper)).all() else None
+        q = q + np.linalg.lstsq(arm.jacobian(q), error, rcond=1e-3)[0]
+    return None
