@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space
+from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space, singular_values
 from k1607_pin.kinematics.differential import RANK_TOLERANCE, Damping, SingularJacobianError
 
 Vector = np.ndarray
@@ -210,24 +210,20 @@ class Arm:
         q, v = self._vectors(("q", "v"), q, v)
         if not self._has_inertia:
             self._refuse_dynamics()
-        J = self.jacobian(q)
-        sigma = np.linalg.svd(J, compute_uv=False)
+        model, data, tool = self._model, self._workspace.data, self._tool_id
+        M = pin.crba(model, data, q, pin.Convention.WORLD)
+        g = pin.computeGeneralizedGravity(model, data, q)
+        C = pin.computeCoriolisMatrix(model, data, q, v)  # and on the way what the pose, J and J_dot are read off from
+        J = pin.getFrameJacobian(model, data, tool, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.n)
+        sigma = singular_values(J)
         sigma_min = float(sigma[-1]) if self.n >= 6 else 0.0
         lam = damping.at(sigma_min) if damping else 0.0
-        if lam == 0 and sigma_min <= RANK_TOLERANCE * sigma[0]:
+        if lam == 0 and not sigma_min > RANK_TOLERANCE * sigma[0]:  # NaN is refused too
             raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0]))
-        T = self.forward_kinematics(q)
-        return operational_space(
-            self.mass_matrix(q),
-            self.coriolis_matrix(q, v),
-            self.gravity_torque(q),
-            J,
-            self.jacobian_time_variation(q, v),
-            np.concatenate([T.translation, pin.log3(T.rotation)]),
-            v,
-            sigma_min,
-            lam,
-        )
+        J_dot = pin.getFrameJacobianTimeVariation(model, data, tool, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.n)
+        T = pin.updateFramePlacement(model, data, tool)
+        x = np.concatenate([T.translation, pin.log3(T.rotation)])
+        return operational_space(M, C, g, J, J_dot, x, v, sigma_min, lam)
 
     def _refuse_dynamics(self) -> None:
         raise ValueError(

@@ -20,7 +20,7 @@ class UnreachableError(ValueError):
         self.time, self.position, self.closest = time, position, closest
         at_limit = f"; at its limits there: {', '.join(closest.at_limit)}" if closest.at_limit else ""
         super().__init__(
-            f"path: {arm.name!r} cannot bring {arm.tool_frame!r} to {np.round(position, 4).tolist()} m in the wanted orientation, "
+            f"path: {arm.name!r} cannot bring {arm.tool_frame!r} to {np.round(position, 4).tolist()} m as wanted, "
             f"t = {time:.4g} s: of {closest.starts} attempts the closest misses by {closest.position_error:.3g} m and "
             f"{closest.orientation_error:.3g} rad{at_limit}"
         )

@@ -38,7 +38,7 @@ class PayloadSchedule:
     def _change(k: int, entry: Any) -> PayloadChange:
         try:
             change = PayloadChange(*entry)
-            times_are_numbers = np.isfinite([change.time, change.ramp]).all()
+            times_are_numbers = bool(np.isfinite([change.time, change.ramp]).all())
         except TypeError:
             times_are_numbers = False
         if not times_are_numbers or change.ramp < 0 or not isinstance(change.payload, Payload):
