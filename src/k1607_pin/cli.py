@@ -6,12 +6,20 @@ import tomllib
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
+
+from k1607_pin.description.units import INCH, POUND
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from k1607_pin.arm.arm import Arm
 
 app = typer.Typer(
     help="The K-1607 and its 1990 NASA/CUA report, made to run.\n\nExample: k1607 equations",
@@ -22,7 +30,7 @@ app = typer.Typer(
 )
 console = Console()
 
-VERDICT_STYLE = {"holds": "green", "definition": "dim", "misprint": "yellow", "fails": "bold red"}
+VERDICT_STYLE = {"holds": "green", "definition": "dim", "misprint": "yellow", "gap": "magenta", "fails": "bold red"}
 
 
 @app.command()
@@ -96,8 +104,8 @@ def equations(
         )
     console.print(table)
     for c in checked:
-        if c.note:
-            console.print(f"  ({c.number}) {c.note}", style="dim", highlight=False)
+        for text in filter(None, (c.note, c.gap and f"Gap: {c.gap}")):
+            console.print(f"  ({c.number}) {text}", style="dim", highlight=False)
     counts = {verdict: sum(c.verdict == verdict for c in checked) for verdict in VERDICT_STYLE}
     console.print(", ".join(f"{n} {verdict}" for verdict, n in counts.items()))
     if counts["fails"]:
@@ -138,6 +146,113 @@ def reproduce(
 
 
 @app.command()
+def simulate(
+    case: Annotated[int, typer.Argument(help="1, the straight line, or 2, the circle.")] = 1,
+    settings: Annotated[
+        str | None,
+        typer.Option(
+            help="report: as published, 10 ms; recommended: ours, 1 kHz, full gravity. The latter for other robots."
+        ),
+    ] = None,
+    robot: Annotated[
+        str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
+    ] = "k1607",
+    payload: Annotated[
+        float | None, typer.Option(help="lb, carried in the middle third; 10 for the K-1607 when left out.")
+    ] = None,
+    gravity: Annotated[float | None, typer.Option(help="m/s^2 downwards; the settings' own when left out.")] = None,
+    period: Annotated[float | None, typer.Option(help="Control period in ms; the settings' own when left out.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for run.nc (the log, for xarray) and the figures.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write an animation that opens offline to this file.")] = None,
+    show: Annotated[bool, typer.Option("--show", help="Show the animation live in the browser.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the errors as JSON instead of a table.")] = False,
+) -> None:
+    """Run study case 1 or 2 with the Cartesian adaptive scheme, and tell, draw or show how it went.
+
+    \b
+    Examples:
+        k1607 simulate 1
+        k1607 simulate 2 --settings recommended --payload 20 --out run
+        k1607 simulate 1 --robot panda --html panda.html
+        k1607 simulate 1 --period 20 --gravity 9.81
+    """
+    from k1607_pin.report.cases import study_case
+    from k1607_pin.report.runs import write_run
+    from k1607_pin.simulation.simulate import SimulationError
+
+    arm = None if robot == "k1607" else _robot(robot, None if gravity is None else (0.0, 0.0, -gravity))
+    mass = None if payload is None else payload * POUND
+    settings = settings or ("report" if arm is None else "recommended")
+    study = study_case(
+        case, settings, arm, payload=mass, gravity=None if arm else gravity, control_period=period and period * 1e-3
+    )
+    lost = None
+    try:
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(f"case {case}, {study.law.arm.name}", total=1.0)
+            run = study.run(lambda share: bar.update(task, completed=share))
+    except SimulationError as error:
+        lost, run = error, error.log
+    rows = _errors(run)
+    if as_json:
+        print(json.dumps({"lost_at_s": lost and lost.time, "errors": rows}, indent=2))
+    else:
+        table = Table(
+            title=f"Case {case}, {study.law.arm.name}, {1e3 * study.law.period:g} ms, {study.duration:g} s: errors"
+        )
+        for column in ("", "max", "RMS", "unit"):
+            table.add_column(column, justify="left" if column in ("", "unit") else "right")
+        for row in rows:
+            table.add_row(str(row["error"]), f"{row['max']:.4g}", f"{row['rms']:.4g}", str(row["unit"]))
+        console.print(table)
+    notes = Console(stderr=as_json, highlight=False)
+    if out is not None:
+        write_run(out, run, f"Case {case}, {study.law.arm.name}")
+        notes.print(f"Log and figures: {out}")
+    if lost:
+        raise ValueError(str(lost))
+    if html is not None or show:
+        _animate(study.law.arm, run, html, show, notes)
+
+
+def _errors(run: "xr.Dataset") -> list[dict[str, float | str]]:
+    """Largest and RMS error in each direction, in, in/s, degrees."""
+    from k1607_pin.report.published_cases import statistic
+
+    rows: list[dict[str, float | str]] = []
+    for variable, per in (("error", ""), ("error_rate", "/s")):
+        for direction in ("x", "y", "z", "rx", "ry", "rz"):
+            scale, unit = (180 / np.pi, "deg") if direction.startswith("r") else (1 / INCH, "in")
+            largest, rms = (scale * statistic(run, variable, direction, kind) for kind in ("max", "rms"))
+            name = f"about {direction[1]}" if direction.startswith("r") else direction
+            rows.append({"error": name + (" rate" if per else ""), "max": largest, "rms": rms, "unit": unit + per})
+    return rows
+
+
+def _animate(arm: "Arm", run: "xr.Dataset", html: Path | None, show: bool, notes: Console) -> None:
+    from k1607_pin import view as viewer
+
+    if html is not None:
+        path = viewer.save_html(arm, html, run)
+        notes.print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB): open it in any browser")
+    if show:
+        with viewer.show(arm, run) as live:
+            notes.print(f"{arm.name} at {live.url} - press Ctrl-C to stop")
+            with suppress(KeyboardInterrupt):
+                threading.Event().wait()
+
+
+def _robot(name: str, gravity: tuple[float, float, float] | None = None) -> "Arm":
+    """The K-1607, a robot of example-robot-data, or a URDF file."""
+    from k1607_pin.arm.load import load_example, load_k1607, load_urdf
+
+    options = {} if gravity is None else {"gravity": gravity}
+    if name == "k1607":
+        return load_k1607(**options)
+    return load_urdf(name, **options) if name.endswith(".urdf") else load_example(name, **options)
+
+
+@app.command()
 def view(
     robot: Annotated[
         str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
@@ -163,10 +278,9 @@ def view(
         k1607 view --pose 20,-30,10,80,0,60,0
     """
     from k1607_pin import view as viewer
-    from k1607_pin.arm.load import load_example, load_k1607, load_urdf
     from k1607_pin.view.demo import each_joint_in_turn
 
-    arm = load_k1607() if robot == "k1607" else load_urdf(robot) if robot.endswith(".urdf") else load_example(robot)
+    arm = _robot(robot)
     times, Q = each_joint_in_turn(arm) if pose is None else (None, _degrees(pose))
     if html is not None:
         path = viewer.save_html(arm, html, times, Q, frames=frames)

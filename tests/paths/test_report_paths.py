@@ -78,3 +78,20 @@ def test_batches_equal_single_times_and_traced(path):
         for together, alone, symbolic in zip(batch, path(s), traced(s), strict=True):
             assert together[k] == pytest.approx(alone, abs=1e-15)
             assert np.array(symbolic)[:, 0] == pytest.approx(alone, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Line(np.zeros(2)), "start"),
+        (lambda: Line(np.zeros(3), np.full(3, np.nan)), "extent"),
+        (lambda: Line(np.zeros(3), rate=0.0), "rate"),
+        (lambda: Circle(np.inf), "height"),
+        (lambda: Circle(0.0, radius=-1.0), "radius"),
+        (lambda: Circle(0.0, omega=np.nan), "omega"),
+        (lambda: Circle(0.0, omega=2.0, beta=0.1), "fit into one turn"),
+    ],
+)
+def test_paths_that_make_no_sense_are_refused(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()

@@ -9,7 +9,7 @@ import k1607_pin as k1607
 from k1607_pin.arm.payload import Payload
 from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
 from k1607_pin.control.lyapunov import lyapunov
-from k1607_pin.control.posture import Posture
+from k1607_pin.control.posture import hold
 from k1607_pin.control.reference_model import reference_model
 from k1607_pin.paths.report_paths import Line
 from k1607_pin.simulation.integrators import runge_kutta_4
@@ -54,7 +54,7 @@ def test_rate_s_terms_add_up_to_what_v_does(name, gravity):
     arm, q0 = load(name, gravity), POSTURES[name]
 
     def gap(period):
-        posture = Posture(q0, 5.0) if gravity else None
+        posture = hold(q0, 5.0) if gravity else None
         _, v = run(
             arm,
             q0,

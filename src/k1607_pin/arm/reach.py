@@ -1,7 +1,7 @@
 """Whether an arm can follow a path at all: asked before the first step, answered with the place where it cannot."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +11,7 @@ from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, pose_er
 
 CLOSE = 1e-6  # m, rad: near enough to say that a point is reached
 LOOKS = 40  # points of a path that are looked at
+JUMP = 1.0  # rad (m): more than any joint moves between two of them, unless it takes another posture
 
 
 class UnreachableError(ValueError):
@@ -26,10 +27,21 @@ class UnreachableError(ValueError):
         )
 
 
-def require_reachable(
-    arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.ndarray, duration: float
-) -> np.ndarray:
-    """(LOOKS, n) rad: a posture within the limits for points of the path, evenly spaced in time, each found from the one before.
+class Followed(NamedTuple):
+    """Postures along a path."""
+
+    times: np.ndarray
+    """(LOOKS,) s"""
+    postures: np.ndarray
+    """(LOOKS, n) rad, within the limits"""
+    jumps: tuple[float, ...]
+    """s: when a posture is not a continuation of the one before, because that would leave the limits"""
+    sigma_min: np.ndarray
+    """(LOOKS,) smallest singular value of J"""
+
+
+def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.ndarray, duration: float) -> Followed:
+    """A posture within the limits for points of the path, evenly spaced in time, each found from the one before.
 
     Parameters
     ----------
@@ -38,10 +50,10 @@ def require_reachable(
     Raises
     ------
     UnreachableError
-        None was found for a point; it says which, when, and how close the arm comes.
+        There is none for a point; it says which, when, and how close the arm comes.
     """
-    postures = []
-    for t in np.linspace(0.0, duration, LOOKS):
+    times, postures, jumps, sigma = np.linspace(0.0, duration, LOOKS), [], [], []
+    for t in times:
         wanted = pin.SE3(np.asarray(rotation, dtype=float), np.asarray(path(t).position, dtype=float))
         near = _nearby(arm, wanted, q)
         if near is None:
@@ -49,8 +61,11 @@ def require_reachable(
             if not found.converged:
                 raise UnreachableError(arm, float(t), wanted.translation, found)
             near = found.q
+            if postures and np.abs(near - q).max() > JUMP:
+                jumps.append(float(t))
         postures.append(q := near)
-    return np.array(postures)
+        sigma.append(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1])
+    return Followed(times, np.array(postures), tuple(jumps), np.array(sigma))
 
 
 def _nearby(arm: Arm, wanted: pin.SE3, q: np.ndarray) -> np.ndarray | None:

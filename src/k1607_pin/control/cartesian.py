@@ -1,5 +1,6 @@
 """The Cartesian adaptive scheme, figure 13: PD on the tool's pose error with adapted gains, through J^T to the joints."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -7,11 +8,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.reach import require_reachable
+from k1607_pin.arm.reach import follow
 from k1607_pin.control.adaptation import Gains, adapted, gain_rates, proportional_derivative
 from k1607_pin.control.posture import Posture, posture_torque
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.kinematics.orientation import orientation_error
+
+logger = logging.getLogger(__name__)
 
 
 class Step(NamedTuple):
@@ -71,7 +74,7 @@ class CartesianAdaptive:
     """
 
     arm: Arm
-    """Without a posture to hold, its kinematics alone are used: the law knows no masses."""
+    """Without a posture to keep to, its kinematics alone are used: the law knows no masses."""
     path: Callable[[float], Any]
     """Time [s] -> wanted .position (3,) m, .velocity (3,) m/s and .acceleration (3,) m/s^2 (which is logged, not used)"""
     rotation: np.ndarray
@@ -85,7 +88,7 @@ class CartesianAdaptive:
     period: float
     """s, the control period"""
     posture: Posture | None = None
-    """What the null space is to hold; None leaves it to itself, as the report does. Uses the arm's mass matrix."""
+    """What the null space is to keep to; None leaves it to itself, as the report does. Uses the arm's mass matrix."""
 
     variables: ClassVar[dict[str, tuple[tuple[str, ...], str]]] = {
         "error": (("direction",), "m, rad"),
@@ -99,14 +102,19 @@ class CartesianAdaptive:
     """What it logs: dimensions and units."""
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> Gains:
-        """The initial gains, when the path can be followed from q to ``duration`` [s].
+        """The initial gains, when there is a posture for every point of the path up to ``duration`` [s].
+
+        That the arm can only follow by leaving its joint limits is told in the log.
 
         Raises
         ------
         UnreachableError
             The arm has no posture within its limits for a point of the path.
         """
-        require_reachable(self.arm, self.path, self.rotation, q, duration)
+        if jumps := follow(self.arm, self.path, self.rotation, q, duration).jumps:
+            logger.warning(
+                "%s follows this path only out of its joint limits, from t = %.3g s on", self.arm.name, jumps[0]
+            )
         return self.gains
 
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: Gains) -> tuple[np.ndarray, Gains, dict[str, Any]]:
@@ -138,14 +146,20 @@ class CartesianAdaptive:
         }
         torque = step.torque
         if self.posture:
-            torque = torque + posture_torque(self.arm.mass_matrix(q), J, q, v, *self.posture)
+            torque = torque + posture_torque(self.arm.mass_matrix(q), J, q, v, *self.posture.path(t), self.posture.omega)
         return torque, step.gains, log
 
 
 def gains_from_inertia(arm: Arm, q: np.ndarray, omega: float, damping: float = 1.0) -> Gains:
     """K_p = omega^2 Lambda(q), K_d = 2 damping omega Lambda(q): initial gains that answer alike in all six directions.
 
-    omega : 1/s; stable with torques held for a period T only while 2 damping omega T stays well below 2.
+    Parameters
+    ----------
+    q : (n,) rad, or (N, n) postures along the path, for which Lambda is the harmonic mean: a direction that is light in one of
+        them, where the loop is fastest, counts most.
+    omega : 1/s; stable with torques held for a period T only while omega T stays below 1 where damping is 1.
     """
-    Lambda = arm.operational_space(q, np.zeros(arm.n)).Lambda
+    still = np.zeros(arm.n)
+    mobility = [np.linalg.inv(arm.operational_space(one, still).Lambda) for one in np.atleast_2d(q)]
+    Lambda = np.linalg.inv(np.mean(mobility, axis=0))
     return Gains(omega**2 * Lambda, 2 * damping * omega * Lambda)

@@ -1,4 +1,4 @@
-"""The error system of the adaptive loop and its Lyapunov function, (42)-(73): what the report's stability proof claims, to be measured.
+"""The error system of the adaptive loop and its Lyapunov function, (42)-(73): the report's stability proof, made measurable.
 
 Every function takes one sample or many: vectors (..., m), matrices (..., m, m), leading dimensions broadcast, so that a log over
 time goes in as it is. m is 6 for the Cartesian scheme.

@@ -1,30 +1,51 @@
-"""What to do with the joints that the tool's task leaves over: hold a posture, without a force at the tool."""
+"""What to do with the joints that the tool's task leaves over: keep to postures, without a force at the tool."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 
 class Posture(NamedTuple):
-    """A posture to hold as far as the tool's task allows."""
+    """Postures to keep to as far as the tool's task allows; see `hold` and `along`."""
 
-    q: np.ndarray
-    """(n,) rad"""
+    path: Callable[[float], tuple[np.ndarray, np.ndarray]]
+    """Time [s] -> wanted joint angles (n,) rad and velocities (n,) rad/s"""
     omega: float
     """1/s, of the critically damped approach; well below 2 / T for torques held a period T"""
 
 
-def posture_torque(M: Any, J: Any, q: Any, v: Any, q_wanted: Any, omega: Any) -> Any:
+def hold(q: np.ndarray, omega: float) -> Posture:
+    """One posture (n,) rad, at omega [1/s]."""
+    wanted = np.array(q, dtype=float), np.zeros(len(q))
+    return Posture(lambda t: wanted, omega)
+
+
+def along(times: np.ndarray, postures: np.ndarray, omega: float) -> Posture:
+    """Postures (N, n) rad at times (N,) s, smoothly in between and at rest at both ends, at omega [1/s]."""
+    spline = CubicSpline(times, postures, bc_type="clamped")
+    rate = spline.derivative()
+    first, last = times[0], times[-1]
+
+    def path(t: float) -> tuple[np.ndarray, np.ndarray]:
+        inside = min(max(t, first), last)
+        return spline(inside), rate(inside)
+
+    return Posture(path, omega)
+
+
+def posture_torque(M: Any, J: Any, q: Any, v: Any, q_wanted: Any, v_wanted: Any, omega: Any) -> Any:
     """(n,) N m that draws q to ``q_wanted`` in the null space of J, critically damped.
 
-    (I - J^T J_bar^T) M (omega^2 (q_wanted - q) - 2 omega v), with J_bar = M^-1 J^T (J M^-1 J^T)^-1: dynamically consistent
-    (Khatib, 1987), so that the tool is not accelerated as far as M is the arm's. Zero for as many joints as directions.
+    (I - J^T J_bar^T) M (omega^2 (q_wanted - q) + 2 omega (v_wanted - v)), with J_bar = M^-1 J^T (J M^-1 J^T)^-1: dynamically
+    consistent (Khatib, 1987), so that the tool is not accelerated as far as M is the arm's. Zero for as many joints as directions.
 
     Parameters
     ----------
-    M (n, n), J (6, n), q, v, q_wanted (n,) rad, rad/s; omega : 1/s.
+    M (n, n), J (6, n), q, q_wanted (n,) rad, v, v_wanted (n,) rad/s; omega : 1/s.
     """
-    wish = omega * omega * (q_wanted - q) - 2 * omega * v  # (n,) rad/s^2
+    wish = omega * omega * (q_wanted - q) + 2 * omega * (v_wanted - v)  # (n,) rad/s^2
     M_inverse_JT = np.linalg.solve(M, J.T)  # (n, 6)
     force = np.linalg.solve(J @ M_inverse_JT, J @ wish)  # (6,) N, J_bar^T M wish
     return M @ wish - J.T @ force

@@ -22,7 +22,13 @@ class PathPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Line:
-    """Study case 1: from rest towards start + extent along a straight line, exponentially, (78)-(79)."""
+    """Study case 1: from rest towards start + extent along a straight line, exponentially, (78)-(79).
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, numbers that are not finite, a rate that is not positive.
+    """
 
     start: np.ndarray
     """(3,) m"""
@@ -30,6 +36,14 @@ class Line:
     """(3,) m: 9 in along x, 18 in along y; approached, never quite reached."""
     rate: float = 3.5
     """1/s: the exponents are -rate t/3 and -rate t/4."""
+
+    def __post_init__(self) -> None:
+        for name in ("start", "extent"):
+            x = np.array(getattr(self, name), dtype=float)
+            if x.shape != (3,) or not np.isfinite(x).all():
+                raise ValueError(f"{name}: expected (3,) finite numbers in m, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, x)
+        _require_positive(rate=self.rate)
 
     def __call__(self, t: Any) -> PathPoint:
         """The wanted motion at times t (...) s, from 0 on."""
@@ -47,7 +61,13 @@ class Line:
 
 @dataclass(frozen=True)
 class Circle:
-    """Study case 2: once round a circle about the base's z axis, up to speed, at speed, and to rest, (80)-(83)."""
+    """Study case 2: once round a circle about the base's z axis, up to speed, at speed, and to rest, (80)-(83).
+
+    Raises
+    ------
+    ValueError
+        Numbers that are not finite, radius, omega or beta not positive, or a turn over before it is up to speed.
+    """
 
     height: float
     """m, of the circle's plane over the base; not published."""
@@ -59,6 +79,18 @@ class Circle:
     """rad/s^2, up to speed and down again"""
     phi_0: float = 0.0
     """rad, where it starts and ends"""
+
+    def __post_init__(self) -> None:
+        _require_positive(radius=self.radius, omega=self.omega, beta=self.beta)
+        if not np.isfinite([self.height, self.phi_0]).all():
+            raise ValueError(
+                f"height, phi_0: expected finite numbers in m and rad, got {self.height!r}, {self.phi_0!r}"
+            )
+        if self.omega**2 / self.beta > 2 * np.pi:
+            raise ValueError(
+                f"beta: expected at least omega^2 / 2 pi = {self.omega**2 / (2 * np.pi):.3g} rad/s^2, so that speeding up and "
+                f"slowing down fit into one turn, got {self.beta:.3g}"
+            )
 
     @property
     def times(self) -> tuple[float, float, float]:
@@ -87,3 +119,9 @@ class Circle:
             vector([-s * rate, c * rate, zero]),
             vector([-c * rate * rate - s * change, -s * rate * rate + c * change, zero]),
         )
+
+
+def _require_positive(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name}: expected a positive number, got {value!r}")

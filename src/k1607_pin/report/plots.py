@@ -88,6 +88,7 @@ def gains(run: xr.Dataset, title: str = "") -> Figure:
                 run.time, diagonal[:, k + 3] / diagonal[0, k + 3], ":", color=colour, lw=1.4, label=f"about {direction}"
             )
         axes.set_ylabel(f"${name}(t) / {name}(0)$")
+        axes.ticklabel_format(useOffset=False)
         axes.margins(x=0)
         axes.spines[["top", "right"]].set_visible(False)
     axes.set_xlabel("time [s]")
@@ -99,8 +100,8 @@ def gains(run: xr.Dataset, title: str = "") -> Figure:
 def _errors(run: xr.Dataset, error: xr.DataArray, title: str, names: str, label: str, ylabel: str, unit: str) -> Figure:
     figure, axes = _axes(run, title, ylabel)
     for name in names:
-        values = error.sel(direction=name) / INCH
-        largest = float(values[int(np.abs(values).argmax())])
+        values = error.sel(direction=name).values / INCH
+        largest = float(values[np.argmax(np.abs(values))])
         rms = float(np.sqrt((values**2).mean()))
         text = label.format(name if "$" in label else f"${name}$")
         axes.plot(
@@ -134,5 +135,34 @@ def _shade(axes: Any, run: xr.Dataset) -> None:
 
 
 def _legend(axes: Any) -> None:
-    """Above the curves, where nothing can be hidden by it."""
-    axes.legend(fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), frameon=False, borderaxespad=0.2)
+    """Below the plot, where no curve can be hidden by it."""
+    axes.legend(fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.22), frameon=False)
+
+
+def lyapunov_rate(analysis: xr.Dataset, title: str = "") -> Figure:
+    """v of (56), and its rate: what (63) leaves of it, -E^T Q E, beside what the proof neglects; magnitudes, log scale."""
+    figure = Figure(figsize=(7.2, 5.2), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 2))
+    _shade(above, analysis)
+    _shade(below, analysis)
+    above.plot(analysis.time, analysis.v, color=INK, lw=1.4)
+    above.set_ylabel("v [m²]")
+    above.set_title(title, fontsize=11, loc="right")
+    lines = {
+        "v_rate": (INK, "-", "all of v'"),
+        "claimed": (RED, "-", "$E^T Q E$, all that (63) leaves"),
+        "slow_motion": (GREEN, "--", "neglected: slow motion, (66)-(68)"),
+        "driven": ("#7a5195", ":", "neglected: wanted motion, gravity"),
+        "disturbance": (GREY, ":", "null space, limits"),
+    }
+    for name, (colour, style, label) in lines.items():
+        size = np.abs(analysis[name].values)
+        if np.nanmax(size) > 0:
+            below.semilogy(analysis.time, np.where(size > 0, size, np.nan), style, color=colour, lw=1.2, label=label)
+    highest = max(float(np.nanmax(np.abs(analysis[name].values))) for name in lines)
+    below.set(xlabel="time [s]", ylabel="|terms of v'| [m²/s]", ylim=(1e-12 * highest, 10 * highest))
+    for axes in (above, below):
+        axes.margins(x=0)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(*below.get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside lower center", frameon=False)
+    return figure
