@@ -23,6 +23,7 @@ lint: .venv/lint
 
 bench: .venv/bench
 	$(BIN)/python benchmarks/bench_kinematics.py
+	$(BIN)/python benchmarks/bench_dynamics.py
 
 notebooks: .venv/notebooks
 	$(BIN)/jupyter lab notebooks

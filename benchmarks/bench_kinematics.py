@@ -41,16 +41,6 @@ def arm_calls(console: Console) -> None:
         pin.updateFramePlacement(model, data, tool)
         pin.getFrameJacobianTimeVariation(model, data, tool, pin.LOCAL_WORLD_ALIGNED)
 
-    def everything() -> None:
-        """What Lambda, Phi and Gamma are made of; the linear algebra on top is ours."""
-        pose()
-        pin.log3(data.oMf[tool].rotation)
-        pin.computeFrameJacobian(model, data, q, tool, pin.LOCAL_WORLD_ALIGNED)
-        pin.crba(model, data, q, pin.Convention.WORLD)
-        pin.computeCoriolisMatrix(model, data, q, v)
-        pin.computeGeneralizedGravity(model, data, q)
-        rate()
-
     pairs = {
         "forward_kinematics": (lambda: arm.forward_kinematics(q), pose),
         "jacobian": (
@@ -63,7 +53,6 @@ def arm_calls(console: Console) -> None:
         "inverse_dynamics": (lambda: arm.inverse_dynamics(q, v, tau), lambda: pin.rnea(model, data, q, v, tau)),
         "coriolis_matrix": (lambda: arm.coriolis_matrix(q, v), lambda: pin.computeCoriolisMatrix(model, data, q, v)),
         "jacobian_time_variation": (lambda: arm.jacobian_time_variation(q, v), rate),
-        "operational_space": (lambda: arm.operational_space(q, v), everything),
         "forward_dynamics": (lambda: arm.forward_dynamics(q, v, tau), lambda: pin.aba(model, data, q, v, tau)),
     }
     table = Table(title="Arm calls beside the bare Pinocchio calls they are made of")

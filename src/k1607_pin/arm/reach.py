@@ -52,7 +52,10 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.n
     UnreachableError
         There is none for a point; it says which, when, and how close the arm comes.
     """
-    times, postures, jumps, sigma = np.linspace(0.0, duration, LOOKS), [], [], []
+    times = np.linspace(0.0, duration, LOOKS)
+    postures: list[np.ndarray] = []
+    jumps: list[float] = []
+    sigma: list[float] = []
     for t in times:
         wanted = pin.SE3(np.asarray(rotation, dtype=float), np.asarray(path(t).position, dtype=float))
         near = _nearby(arm, wanted, q)
@@ -64,7 +67,7 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.n
             if postures and np.abs(near - q).max() > JUMP:
                 jumps.append(float(t))
         postures.append(q := near)
-        sigma.append(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1])
+        sigma.append(float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1]))
     return Followed(times, np.array(postures), tuple(jumps), np.array(sigma))
 
 

@@ -5,12 +5,12 @@ point at the base origin, then the angular velocity; a spatial force (f, m) like
 Algorithms, 2008, with linear components first, as in Pinocchio).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from k1607_pin.kinematics.orientation import cross_matrix
+from k1607_pin.kinematics.orientation import cross_matrix, rotation_vector
 
 
 class Body(NamedTuple):
@@ -101,12 +101,11 @@ def mass_matrix(bodies: Sequence[Body], q: Any) -> Any:
     for i in reversed(range(n)):
         force = _times(composite[i], where.screws[i])
         rows[i][i] = where.screws[i] @ force + bodies[i].armature
-        j = bodies[i].parent
-        if j >= 0:
-            composite[j] = tuple(x + y for x, y in zip(composite[j], composite[i], strict=True))
-        while j >= 0:
+        parent = bodies[i].parent
+        if parent >= 0:
+            composite[parent] = tuple(x + y for x, y in zip(composite[parent], composite[i], strict=True))
+        for j in _supports(bodies, parent):
             rows[i][j] = rows[j][i] = where.screws[j] @ force
-            j = bodies[j].parent
     return np.stack([np.stack(row) for row in rows])
 
 
@@ -119,15 +118,9 @@ def coriolis_matrix(bodies: Sequence[Body], q: Any, v: Any) -> Any:
     inertias = _inertias(bodies, where)
     n = len(bodies)
     total = np.zeros((n, n))
-    velocities: list[Any] = []
-    rates: list[Any] = []
-    for i, body in enumerate(bodies):
-        V = (np.zeros(6) if body.parent < 0 else velocities[body.parent]) + screws[i] * v[i]
-        velocities.append(V)
-        rates.append(_cross_motion(V, screws[i]))
-        path = [i]
-        while bodies[path[-1]].parent >= 0:
-            path.append(bodies[path[-1]].parent)
+    velocities, rates = _velocities(bodies, screws, v)
+    for i, V in enumerate(velocities):
+        path = list(_supports(bodies, i))
         I = _matrix(inertias[i])
         X = _motion_matrix(V)
         B = (-X.T @ I - I @ X + _bar(I @ V)) / 2
@@ -141,17 +134,54 @@ def coriolis_matrix(bodies: Sequence[Body], q: Any, v: Any) -> Any:
     return total
 
 
+def point_pose(bodies: Sequence[Body], q: Any, last: int, offset: Any, rotation: Any) -> Any:
+    """(6,) position [m] and rotation vector [rad] in the base of a frame fixed in body ``last``.
+
+    offset : (3,) m, its origin; rotation : (3, 3), its axes; both in the body's joint frame.
+    """
+    where = place(bodies, q)
+    R = where.rotations[last]
+    return np.concatenate([where.origins[last] + R @ offset, rotation_vector(R @ rotation)])
+
+
 def point_jacobian(bodies: Sequence[Body], q: Any, last: int, offset: Any) -> Any:
     """(6, n), base axes, linear rows first, of the point ``offset`` (3,) m fixed in body ``last``."""
     where = place(bodies, q)
     p = where.origins[last] + where.rotations[last] @ offset
     columns = [0 * s for s in where.screws]
-    i = last
-    while i >= 0:
+    for i in _supports(bodies, last):
         v, w = where.screws[i][:3], where.screws[i][3:]
         columns[i] = np.concatenate([v + np.cross(w, p), w])
-        i = bodies[i].parent
     return np.stack(columns, axis=1)
+
+
+def point_jacobian_rate(bodies: Sequence[Body], q: Any, v: Any, last: int, offset: Any) -> Any:
+    """(6, n) time derivative of `point_jacobian` at joint velocities v (n,): J_dot v is the point's acceleration for q'' = 0."""
+    where = place(bodies, q)
+    velocities, rates = _velocities(bodies, where.screws, v)
+    p = where.origins[last] + where.rotations[last] @ offset
+    p_dot = velocities[last][:3] + np.cross(velocities[last][3:], p)
+    columns = [0 * s for s in where.screws]
+    for i in _supports(bodies, last):
+        w = where.screws[i][3:]
+        v_dot, w_dot = rates[i][:3], rates[i][3:]
+        columns[i] = np.concatenate([v_dot + np.cross(w_dot, p) + np.cross(w, p_dot), w_dot])
+    return np.stack(columns, axis=1)
+
+
+def _supports(bodies: Sequence[Body], i: int) -> Iterator[int]:
+    """Body i and what carries it, down to the base (-1, which is none)."""
+    while i >= 0:
+        yield i
+        i = bodies[i].parent
+
+
+def _velocities(bodies: Sequence[Body], screws: Sequence[Any], v: Any) -> tuple[list[Any], list[Any]]:
+    """n spatial velocities (6,) of the bodies, and n time derivatives (6,) of their joints' screws."""
+    velocities: list[Any] = []
+    for i, body in enumerate(bodies):
+        velocities.append((np.zeros(6) if body.parent < 0 else velocities[body.parent]) + screws[i] * v[i])
+    return velocities, [_cross_motion(V, screw) for V, screw in zip(velocities, screws, strict=True)]
 
 
 # Spatial algebra. An inertia is (mass, first moment (3,), rotational inertia (3, 3) about the base origin).

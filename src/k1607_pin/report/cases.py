@@ -104,6 +104,8 @@ def study_case(
     for name, value in (("payload", payload), ("gravity", gravity)):
         if value is not None and not 0 <= value < np.inf:
             raise ValueError(f"{name}: expected a number >= 0, got {value!r}")
+    if control_period is not None and not 0 < control_period < np.inf:
+        raise ValueError(f"control_period: expected a positive time in s, got {control_period!r}")
     build = _as_published if settings == "report" else _recommended
     return build(number, arm, q0, payload, gravity, control_period)
 
@@ -184,10 +186,10 @@ def _somewhere(
     for q in candidates:
         T = arm.forward_kinematics(q)
         x = T.translation
-        path, duration = Line(x, extent), line_duration
+        path: Line | Circle = Line(x, extent)
         if number == 2:
             path = Circle(float(x[2]), float(np.hypot(x[0], x[1])), phi_0=float(np.arctan2(x[1], x[0])))
-            duration = path.times[2]
+        duration = path.times[2] if isinstance(path, Circle) else line_duration
         try:
             way = follow(arm, path, T.rotation, q, duration)
         except UnreachableError as error:

@@ -1,6 +1,5 @@
-"""Parts 1-3 from end to end: numbers, figures and a page, written to a folder."""
+"""Parts 1-3 and study cases 1 and 2 from end to end: numbers, figures and a page, written to a folder."""
 
-import io
 import json
 from collections.abc import Callable
 from dataclasses import asdict
@@ -13,9 +12,10 @@ import numpy as np
 from k1607_pin import data
 from k1607_pin.files import write_atomically
 from k1607_pin.kinematics import closed_form, singularities
-from k1607_pin.report import equations, operations, published, studies
+from k1607_pin.report import case_figures, equations, operations, published, published_cases, studies
 from k1607_pin.report.figures import FIGURES
 from k1607_pin.report.published import Comparison
+from k1607_pin.report.runs import write_figure
 
 
 def reproduce(out: Path, progress: Callable[[str], None] = lambda step: None) -> list[Comparison]:
@@ -28,22 +28,29 @@ def reproduce(out: Path, progress: Callable[[str], None] = lambda step: None) ->
     trajectory = studies.identified_trajectory()
     progress("published numbers")
     results = published.compare(trajectory)
+    runs = case_figures.run_cases(progress)
+    for number in case_figures.CASES:
+        results += published_cases.compare_case(number, runs[number, "report"][1])
+    aims = [row for n in case_figures.CASES for row in published_cases.compare_aims(n, runs[n, "recommended"][1])]
     write_atomically(out / "results.json", json.dumps([asdict(r) for r in results], indent=2) + "\n")
+    write_atomically(out / "aims.json", json.dumps([asdict(r) for r in aims], indent=2) + "\n")
     progress("sampling study")
     write_atomically(out / "sampling.json", json.dumps(published.sampling_table(trajectory), indent=2) + "\n")
     for name, draw in FIGURES.items():
         progress(name)
-        figure = draw(trajectory)
-        for kind in ("png", "svg"):
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format=kind, dpi=150)
-            write_atomically(out / f"{name}.{kind}", buffer.getvalue())
+        write_figure(out / name, draw(trajectory))
+    progress("figures of the cases")
+    of_cases = case_figures.draw(runs, progress)
+    for name, figure in of_cases.items():
+        write_figure(out / name, figure)
     progress("equations and page")
-    write_atomically(out / "index.html", _page(trajectory, results))
-    return results
+    write_atomically(out / "index.html", _page(trajectory, results, aims, list(of_cases)))
+    return results + aims
 
 
-def _page(trajectory: studies.TestTrajectory, results: list[Comparison]) -> str:
+def _page(
+    trajectory: studies.TestTrajectory, results: list[Comparison], aims: list[Comparison], case_figures: list[str]
+) -> str:
     facts = data.load("published")
     rng = np.random.default_rng(0)
     singular = []
@@ -56,7 +63,10 @@ def _page(trajectory: studies.TestTrajectory, results: list[Comparison]) -> str:
     return environment.get_template("page.html.j2").render(
         version=version("k1607-pin"),
         results=results,
+        aims=aims,
+        assumptions=list(data.facts("study_cases")),
         figures=list(FIGURES),
+        case_figures=case_figures,
         readings=studies.delta_beta_readings(trajectory),
         allowed=published.allowed_by_figure_6(facts["part1"]["wx_max_error_mrad_s"]["100ms"]),
         needed=facts["part3"]["delta_beta_max_error_milli"]["100ms"] * 1e-3 * 4 / published.PERIODS["100ms"] ** 2,

@@ -1,0 +1,149 @@
+"""The study cases: the published errors come out as claimed, the aims at 1 kHz are met, other arms run by the same calls."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import k1607_pin as k1607
+from k1607_pin import data
+from k1607_pin.report import plots
+from k1607_pin.report.cases import StudyCase, section_7_2, study_case
+from k1607_pin.report.published_cases import FACTOR, compare_aims, compare_case
+from k1607_pin.report.runs import FIGURES, write_run
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def published(request):
+    study = study_case(request.param)
+    return study, study.run()
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def recommended(request):
+    study = study_case(request.param, "recommended")
+    return study, study.run()
+
+
+def test_all_sixteen_published_errors_come_out_within_a_factor_of_two(published):
+    study, run = published
+    rows = compare_case(study.number, run)
+    numbers = [row for row in rows if row.ratio is not None]
+    assert len(numbers) == 8
+    assert all(1 / FACTOR <= row.ratio <= FACTOR for row in numbers)
+    assert all(row.verdict == "agrees" for row in rows if row.ratio is None)  # z and orientation
+    assert all(row.rests_on for row in rows)
+
+
+def test_both_cases_share_one_set_of_assumptions():
+    one, two = (study_case(n) for n in (1, 2))
+    for name in ("K_p", "K_d"):
+        assert np.array_equal(getattr(one.law.gains, name), getattr(two.law.gains, name))
+    assert (one.law.beta_1, one.law.beta_2, one.law.period) == (two.law.beta_1, two.law.beta_2, two.law.period)
+    assert np.array_equal(one.law.rotation, two.law.rotation)
+    assert np.array_equal(one.plant.arm.armature, two.plant.arm.armature)
+    assert np.array_equal(one.law.path(0.0).position[2], two.law.path(0.0).position[2])
+    assert one.law.posture is None  # the report's law leaves the null space to itself
+
+
+def test_starts_are_on_the_published_paths_at_rest():
+    facts = data.load("published")
+    for number, x0 in ((1, facts["case1"]["x0_in"]), (2, facts["case2"]["radius_in"])):
+        study = study_case(number)
+        tool = study.law.arm.forward_kinematics(study.q0)
+        assert tool.translation[:2] / 0.0254 == pytest.approx([x0, 0.0], abs=1e-5)
+        assert np.abs(tool.rotation - study.law.rotation).max() < 1e-6
+
+
+def test_payload_is_there_from_a_third_to_two_thirds(published):
+    study, run = published
+    carried = run.time.values[run.payload.values > 0]
+    T = study.law.period
+    assert abs(carried[0] - study.duration / 3) <= T
+    assert abs(carried[-1] - 2 * study.duration / 3) <= 2 * T
+    assert float(run.payload.max()) == pytest.approx(10 * 0.45359237)
+
+
+def test_the_reference_model_of_section_7_2():
+    model = section_7_2()
+    quarter = 0.25 * np.eye(6)
+    assert np.abs(model.P_2 - quarter).max() < 1e-14
+    assert np.abs(model.P_3 - quarter).max() < 1e-14
+
+
+def test_at_1_khz_in_full_gravity_the_aims_are_met(recommended):
+    study, run = recommended
+    assert study.law.arm.model.gravity.linear[2] == -9.81
+    assert study.law.period == 0.001
+    assert [row.verdict for row in compare_aims(study.number, run)] == ["met", "met"]
+    arm = study.law.arm
+    assert (run.q.values > arm.lower - 1e-3).all()
+    assert (run.q.values < arm.upper + 1e-3).all()
+    assert (np.abs(run.tau.values) < arm.effort_limit).all()
+
+
+def test_adaptation_moves_the_gains_of_every_run(published, recommended):
+    for _, run in (published, recommended):
+        assert np.abs(run.K_p.values[-1] - run.K_p.values[0]).max() > 0
+        assert np.abs(run.K_d.values[-1] - run.K_d.values[0]).max() > 0
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
+def test_another_arm_by_the_same_call(name):
+    study = study_case(1, "recommended", k1607.load_example(name))
+    run = replace(study, duration=1.5).run()
+    assert np.abs(run.error.values[:, :3]).max() < 0.001
+    assert float(run.payload.max()) > 0.2
+    assert isinstance(study, StudyCase)
+
+
+def test_an_arm_that_cannot_go_round_says_so():
+    with pytest.raises(ValueError, match=r"path: .*panda.*(case 2|cannot bring)"):
+        study_case(2, "recommended", k1607.load_example("panda"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"number": 3}, "study case 1 or 2"),
+        ({"number": 1, "settings": "mine"}, "settings"),
+        ({"number": 1, "payload": -1.0}, "payload"),
+        ({"number": 1, "gravity": np.nan}, "gravity"),
+        ({"number": 1, "q0": np.zeros(7)}, "settings"),
+        ({"number": 1, "settings": "recommended", "q0": np.zeros(6)}, "q0"),
+        ({"number": 1, "control_period": -0.01}, "control_period"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        study_case(**arguments)
+
+
+def test_a_run_is_written_whole(tmp_path, published):
+    import xarray as xr
+
+    _, run = published
+    write_run(tmp_path, run, "title")
+    with xr.open_dataset(tmp_path / "run.nc") as read:
+        assert np.array_equal(read.error, run.error)
+        assert read.error.units == run.error.units
+    for name in FIGURES:
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_figures_show_what_they_say(published):
+    """Desired dashed, actual solid, the payload's time shaded, units on the axes, the numbers of the comparison in the legend."""
+    study, run = published
+    histories = plots.time_histories(run).axes[0]
+    styles = {line.get_label(): line.get_linestyle() for line in histories.lines}
+    assert styles["desired $x$"] == "--"
+    assert styles["actual $x$"] == "-"
+    shade = histories.patches[0].get_extents().transformed(histories.transData.inverted())
+    assert shade.x0 == pytest.approx(study.duration / 3, abs=study.law.period)
+    assert shade.x1 == pytest.approx(2 * study.duration / 3, abs=2 * study.law.period)
+    errors = plots.position_errors(run).axes[0]
+    assert errors.get_ylabel() == "position error [in]"
+    largest = {row.id: row.ours for row in compare_case(study.number, run)}[f"case{study.number}.max_error_in.x"]
+    assert any(f"max {largest:.3g}" in line.get_label() for line in errors.lines)
+    for draw in (plots.velocity_errors, plots.tool_path, plots.other_errors, plots.gains):
+        assert all("[" in axes.get_ylabel() or "(t)" in axes.get_ylabel() for axes in draw(run).axes)
