@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from k1607_pin import cli
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("urdf", "equations", "reproduce", "view")
+COMMANDS = ("urdf", "equations", "reproduce", "simulate", "view")
 
 
 def k1607(*arguments: str, **options) -> subprocess.CompletedProcess:
@@ -82,19 +82,50 @@ def test_equations_as_json():
 def test_equations_table_counts_the_verdicts():
     result = k1607("equations")
     assert result.returncode == 0
-    assert "19 holds, 9 definition, 10 misprint, 0 fails" in result.stdout
+    assert "36 holds, 18 definition, 20 misprint, 9 gap, 0 fails" in result.stdout
 
 
 def test_unknown_equation():
     result = k1607("equations", "99")
     assert result.returncode == 2
-    assert "from 1 to 38" in " ".join(result.stderr.split())
+    assert "from 1 to 83" in " ".join(result.stderr.split())
 
 
 def test_reproduce_as_json(tmp_path):
     result = k1607("reproduce", "--out", str(tmp_path), "--json")
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout) == json.loads((tmp_path / "results.json").read_text())
+
+
+def test_simulate_as_json_with_log_figures_and_animation(tmp_path):
+    result = k1607("simulate", "1", "--settings", "recommended", "--payload", "5", "--json",
+                   "--out", str(tmp_path / "run"), "--html", str(tmp_path / "run.html"))  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert told["lost_at_s"] is None
+    errors = {row["error"]: row for row in told["errors"]}
+    assert abs(errors["x"]["max"]) < 0.02
+    assert errors["about z"]["unit"] == "deg"
+    assert (tmp_path / "run" / "run.nc").stat().st_size > 10_000
+    assert (tmp_path / "run" / "path.png").exists()
+    assert "<html" in (tmp_path / "run.html").read_text()[:500]
+
+
+def test_a_run_that_is_lost_says_when_keeps_its_log_and_fails(tmp_path):
+    result = k1607("simulate", "1", "--period", "50", "--gravity", "9.81", "--out", str(tmp_path))
+    assert result.returncode == 2
+    assert "has run away after t =" in " ".join(result.stderr.split())
+    assert (tmp_path / "run.nc").exists()
+    assert "Traceback" not in result.stderr
+
+
+def test_simulate_refuses_what_there_is_not():
+    result = k1607("simulate", "3")
+    assert result.returncode == 2
+    assert "study case 1 or 2" in result.stderr
+    result = k1607("simulate", "1", "--robot", "panda", "--settings", "report")
+    assert result.returncode == 2
+    assert "recommended" in result.stderr
 
 
 def test_view_writes_a_page(tmp_path):

@@ -70,7 +70,7 @@ def test_the_page_carries_the_viewers_licences(arm):
 
 def test_sizes(arm):
     assert len(view.html(arm, Q=BENT)) < 1_000_000
-    assert len(view.html(arm, np.linspace(0, 10, 10_000), np.linspace(0, 1, 10_000)[:, None] * BENT)) < 2_500_000
+    assert len(view.html(arm, np.linspace(0, 10, 10_000), np.linspace(0, 1, 10_000)[:, None] * BENT)) < 1_250_000
 
 
 def test_notebook_returns_an_iframe_with_the_page(arm):

@@ -223,7 +223,10 @@ class Arm:
         J_dot = pin.getFrameJacobianTimeVariation(model, data, tool, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.n)
         T = pin.updateFramePlacement(model, data, tool)
         x = np.concatenate([T.translation, pin.log3(T.rotation)])
-        return operational_space(M, C, g, J, J_dot, x, v, sigma_min, lam)
+        try:
+            return operational_space(M, C, g, J, J_dot, x, v, sigma_min, lam)
+        except np.linalg.LinAlgError:  # J M^-1 J^T squares J's condition: lost to rounding where J's own rank is not yet
+            raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0])) from None
 
     def _refuse_dynamics(self) -> None:
         raise ValueError(

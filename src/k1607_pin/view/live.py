@@ -62,7 +62,10 @@ class LiveWindow:
         """Draw one meshcat command; RuntimeError if the server is gone."""
         self._require_alive()
         data = command.lower()
-        self._socket.send_multipart([data["type"].encode(), data["path"].encode(), umsgpack.packb(data)])
+        # Only an animation has no path. The server replays a scene to a new browser in the order its paths came up: an
+        # animation kept at the root would be there before the things it moves.
+        path = data["path"] or "animation"
+        self._socket.send_multipart([data["type"].encode(), path.encode(), umsgpack.packb(data)])
         end = time.monotonic() + ANSWER_WITHIN
         while not self._socket.poll(200):  # ms
             self._require_alive()

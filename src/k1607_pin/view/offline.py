@@ -12,6 +12,7 @@ import meshcat
 import umsgpack
 
 _VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist"
+_CONTROLS = Path(__file__).with_name("controls.js")
 _UUID = re.compile(rb"[0-9a-f]{8}-[0-9a-f]{4}-1[0-9a-f]{3}-[0-9a-f]{4}-[0-9a-f]{12}")
 
 # The policy makes the browser itself refuse every request. Commands are replayed in order, one by one; meshcat's own
@@ -32,7 +33,8 @@ $licence
 $viewer
 </script>
 <script>
-const viewer = new MeshCat.Viewer(document.getElementById("view"));
+$controls
+const viewer = withControls(new MeshCat.Viewer(document.getElementById("view")));
 async function draw() {
   const packed = Uint8Array.from(atob("$scene"), (c) => c.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -42,10 +44,6 @@ async function draw() {
     const end = at + 4 + view.getUint32(at);
     viewer.handle_command_bytearray(new Uint8Array(bytes.slice(at + 4, end)));
     at = end;
-  }
-  if (viewer.animator.actions.length) {  // show the time slider at once, not the long list of parts
-    viewer.gui.open();
-    viewer.gui.__folders["Scene"].close();
   }
 }
 const drawn = draw().catch((error) => { document.getElementById("view").textContent = error; throw error; });
@@ -87,6 +85,7 @@ class Recorder:
             title=html.escape(title),
             licence=(_VIEWER / "main.min.js.LICENSE.txt").read_text(encoding="utf-8"),
             viewer=(_VIEWER / "main.min.js").read_text(encoding="utf-8"),
+            controls=_CONTROLS.read_text(encoding="utf-8"),
             scene=base64.b64encode(packed).decode(),
         )
 

@@ -6,17 +6,21 @@ import meshcat
 import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
-from meshcat.animation import Animation, AnimationClip, AnimationTrack
+import xarray as xr
+from meshcat.animation import Animation
 from meshcat.path import Path
 from pinocchio.visualize import MeshcatVisualizer
 
 from k1607_pin.arm.arm import Arm, frame_id
-from k1607_pin.view import camera
+from k1607_pin.view import camera, traces
 from k1607_pin.view.collada_mesh import collada_mesh
 from k1607_pin.view.motion import keyframes, motion, pose
+from k1607_pin.view.run import Run, read_run
+from k1607_pin.view.tracks import Track, clip
 from k1607_pin.view.triads import Label, triad
 
 _CAMERA = "/Cameras/default/rotated"
+_LEGEND = f"{_CAMERA}/<object>/legend"  # carried by the camera
 _LIGHTS = {"AmbientLight": 0.5, "PointLightPositiveX": 0.4, "PointLightNegativeX": 0.4, "FillLight": 0.2}
 _CELL = 0.25  # m, of the grid on the floor
 _DIRECTIONS = np.array(
@@ -66,36 +70,44 @@ class Scene:
     # What it shows
 
     def display(self, q: Any = None) -> None:
-        """Show the arm at q (n,) rad; a motion that plays ends. ValueError for another shape, or not finite."""
+        """Show the arm at q (n,) rad; a motion or run that plays ends. ValueError for another shape, or not finite."""
         q = pose(self.arm, q)
         if self._animated:
             self.viewer.set_animation(Animation(), play=False)
+            self.viewer["run"].delete()
+            self.viewer[_LEGEND].delete()
             self._animated = False
         self._visualizer.display(q)
         for path, placement in zip(self._frame_paths(), self._frame_placements(q), strict=True):
             self.viewer[path].set_transform(placement.homogeneous)
 
-    def play(self, times: Any, Q: Any) -> None:
+    def play(self, times: Any, Q: Any = None) -> None:
         """Play joint angles Q (N, n) rad at times (N,) s, in real time, over and over; the viewer's slider seeks.
 
         The slider counts from the first of the times. Between two times the angles are linear.
 
+        Parameters
+        ----------
+        times : (N,) s; or a run, the `xarray.Dataset` of `simulate`, without Q: then the tool's path is drawn as it comes about,
+            the wanted one dashed, and the payload as a ball at the tool, as long as it is carried and as large as its mass.
+
         Raises
         ------
         ValueError
-            Times not increasing, fewer than two, wrong shape, not finite.
+            Times not increasing, fewer than two, wrong shape, not finite; for a run, as `read_run`.
         """
-        times, Q = motion(self.arm, times, Q)
+        run = read_run(self.arm, times, Q) if isinstance(times, xr.Dataset) else None
+        times, Q = motion(self.arm, times, Q) if run is None else (run.times, run.Q)
         self.display(Q[0])
         seconds, Q = keyframes(times, Q)
         animation = Animation()
         for path, values in self._paths_of_motion(Q):
-            tracks = {
-                name: AnimationTrack(name, kind, seconds.tolist(), values[:, part].tolist())
-                for name, kind, part in (("position", "vector3", slice(3)), ("quaternion", "quaternion", slice(3, 7)))
-            }
-            animation.clips[path] = AnimationClip(tracks, fps=1)  # so that keys are in seconds
-        self.fit_camera(Q)
+            placed = Track("position", "vector3", seconds, values[:, :3])
+            animation.clips[path] = clip(placed, Track("quaternion", "quaternion", seconds, values[:, 3:]))
+        if run is None:
+            self.fit_camera(Q)
+        else:
+            animation.clips |= self._draw_run(run, seconds, Q)
         self.viewer.set_animation(animation, play=True, repetitions=float("inf"))
         self._animated = True
 
@@ -103,12 +115,16 @@ class Scene:
         """Show or hide the frames; so does the box "frames" in the viewer's own controls."""
         self.viewer["frames"].set_property("visible", bool(visible))
 
-    def fit_camera(self, Q: Any) -> None:
-        """Place the camera so that the arm is wholly seen in each pose of Q (N, n) rad."""
+    def fit_camera(self, Q: Any, points: Any = None, margin: float = camera.MARGIN) -> None:
+        """Place the camera so that the arm is wholly seen in each pose of Q (N, n) rad, and so are points (K, 3) m, if given.
+
+        margin : how much larger than that the picture is, as a factor.
+        """
         Q = np.atleast_2d(Q)
         chosen = Q[np.unique(np.linspace(0, len(Q) - 1, _MAX_FITTED).astype(int))]
-        points = np.vstack([self._extent(q) for q in chosen])
-        centre, eye = camera.fit(points)
+        more = np.empty((0, 3)) if points is None else points
+        points = np.vstack([*(self._extent(q) for q in chosen), more])
+        centre, eye = camera.fit(points, margin)
         # The viewer turns about the origin of the world: the arm moves there, not the camera away from it.
         shift = np.eye(4)
         shift[:3, 3] = -centre
@@ -155,6 +171,14 @@ class Scene:
             # At the tips of x, z, y in turn: consecutive frames share an axis, and often their origin.
             tip = np.roll([1.2 * size, 0.0, 0.0], -k)
             self.viewer[path]["label"].set_object(Label(label, 0.4 * length, tip))
+
+    def _draw_run(self, run: Run, seconds: np.ndarray, Q: np.ndarray) -> dict[Path, Any]:
+        """Draw what a run has beside the arm, shown at seconds (M,) in poses Q (M, n); returns how it changes."""
+        tool = self.arm.forward_kinematics(Q)[:, :3, 3]
+        clips = traces.draw(self.viewer["run"], run, seconds, tool, self._size)
+        self.viewer[_LEGEND].set_object(traces.legend(run, camera.half_height(1.0)))
+        self.fit_camera(Q, traces.extent(run, seconds, tool), camera.MARGIN_WITH_LEGEND)
+        return clips
 
     def _extent(self, q: np.ndarray) -> np.ndarray:
         """(N, 3) m: points that bound the arm at q."""

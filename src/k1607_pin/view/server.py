@@ -11,13 +11,27 @@ import json
 import os
 import sys
 import threading
+from pathlib import Path
 
 import zmq
 from meshcat.servers.tree import SceneTree
-from meshcat.servers.zmqserver import ZMQWebSocketBridge
+from meshcat.servers.zmqserver import VIEWER_HTML, VIEWER_ROOT, ZMQWebSocketBridge
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
+from tornado.web import Application, RequestHandler
+
+_CONTROLS = Path(__file__).with_name("controls.js")
+
+
+class Page(RequestHandler):
+    """meshcat's page with our controls."""
+
+    def get(self) -> None:
+        page = Path(VIEWER_ROOT, VIEWER_HTML).read_text(encoding="utf-8")
+        script = f"<script>\n{_CONTROLS.read_text(encoding='utf-8')}\nwithControls(viewer);\n</script>\n"
+        self.set_header("Cache-Control", "no-store")
+        self.finish(page.replace("</body>", f"{script}</body>"))
 
 
 class Bridge(ZMQWebSocketBridge):
@@ -38,6 +52,11 @@ class Bridge(ZMQWebSocketBridge):
         # Whoever reaches the ZMQ port draws in the scene: only this machine may, whatever the web page's address.
         self.zmq_socket, self.zmq_stream, _ = self.setup_zmq("tcp://127.0.0.1:*")
         self.zmq_url = self.zmq_socket.getsockopt_string(zmq.LAST_ENDPOINT)
+
+    def make_app(self) -> Application:
+        app = super().make_app()
+        app.add_handlers(".*", [(r"/static/(?:index.html)?", Page)])
+        return app
 
 
 def main() -> int:

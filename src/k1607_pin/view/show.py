@@ -5,34 +5,40 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+import xarray as xr
+
 from k1607_pin.arm.arm import Arm
 from k1607_pin.files import write_atomically
 from k1607_pin.view.live import LiveWindow
 from k1607_pin.view.motion import motion, pose
 from k1607_pin.view.offline import Recorder
+from k1607_pin.view.run import read_run
 from k1607_pin.view.scene import Scene
 
 if TYPE_CHECKING:
     from IPython.display import HTML
 
 
-def html(arm: Arm, times: Any = None, Q: Any = None, *, frames: bool = True, title: str | None = None) -> str:
+def html(arm: Arm, times: Any = None, Q: Any = None, *, frames: bool | None = None, title: str | None = None) -> str:
     """One self-contained HTML page with the arm in 3-D: no server, no network, for any browser of 2023 or later.
 
     Parameters
     ----------
-    times : (N,) s, increasing; None for a single pose.
+    times : (N,) s, increasing; or a simulated run, the `xarray.Dataset` of `simulate` or of `SimulationError.log`, which brings
+        its own angles, path and payload, see `Scene.play`; None for a single pose.
     Q : (N, n) rad, the motion at these times; or (n,) rad, the pose; None for the pose nearest to zero.
-    frames : show the base frame {0}, the joint frames and the tool frame; the page's own controls switch them too.
+    frames : show the base frame {0}, the joint frames and the tool frame; the page's own controls switch them too. None shows
+        them unless a run is shown.
     title : of the page; None takes the robot's name.
 
     Raises
     ------
     ValueError
-        Times not increasing or fewer than two, Q of another shape, numbers that are not finite.
+        Times not increasing or fewer than two, Q of another shape, numbers that are not finite; for a run, the same of its
+        variables, none called ``q`` or ``time``, or a tool that is not where this arm has it.
     """
     window = Recorder()
-    _draw(Scene(arm, window, frames), times, Q)
+    _draw(_scene(arm, window, times, frames), times, Q)
     return window.page(title or arm.name)
 
 
@@ -42,14 +48,14 @@ def save_html(
     times: Any = None,
     Q: Any = None,
     *,
-    frames: bool = True,
+    frames: bool | None = None,
     title: str | None = None,
 ) -> Path:
     """Write the page of `html` to ``path``, whole or not at all; returns the path. Errors as for `html`."""
     return write_atomically(path, html(arm, times, Q, frames=frames, title=title))
 
 
-def notebook(arm: Arm, times: Any = None, Q: Any = None, *, frames: bool = True, height: int = 480) -> "HTML":
+def notebook(arm: Arm, times: Any = None, Q: Any = None, *, frames: bool | None = None, height: int = 480) -> "HTML":
     """The page of `html` in a notebook cell ``height`` pixels high; it stays in the saved notebook. Errors as there."""
     from IPython.display import HTML
 
@@ -58,7 +64,7 @@ def notebook(arm: Arm, times: Any = None, Q: Any = None, *, frames: bool = True,
 
 
 def show(
-    arm: Arm, times: Any = None, Q: Any = None, *, frames: bool = True, host: str = "127.0.0.1", port: int = 0
+    arm: Arm, times: Any = None, Q: Any = None, *, frames: bool | None = None, host: str = "127.0.0.1", port: int = 0
 ) -> "LiveView":
     """Show the arm live, in any number of browsers at the ``url`` of what this returns.
 
@@ -78,7 +84,7 @@ def show(
     _check(arm, times, Q)
     window = LiveWindow(host, port)
     try:
-        view = LiveView(Scene(arm, window, frames), window)
+        view = LiveView(_scene(arm, window, times, frames), window)
         _draw(view.scene, times, Q)
     except BaseException:
         window.close()
@@ -107,8 +113,8 @@ class LiveView:
         """Show the arm at q (n,) rad."""
         self.scene.display(q)
 
-    def play(self, times: Any, Q: Any) -> None:
-        """Play joint angles Q (N, n) rad at times (N,) s, in real time, over and over."""
+    def play(self, times: Any, Q: Any = None) -> None:
+        """Play joint angles Q (N, n) rad at times (N,) s, or a run alone, in real time, over and over; see `Scene.play`."""
         self.scene.play(times, Q)
 
     def show_frames(self, visible: bool = True) -> None:
@@ -136,9 +142,19 @@ class LiveView:
         )
 
 
+def _scene(arm: Arm, window: Any, times: Any, frames: bool | None) -> Scene:
+    # Around a run's tool the frames would hide what the run is shown for.
+    return Scene(arm, window, not isinstance(times, xr.Dataset) if frames is None else frames)
+
+
 def _check(arm: Arm, times: Any, Q: Any) -> None:
     """Raise what drawing would raise, before a server is started for it."""
-    pose(arm, Q) if times is None else motion(arm, times, Q)
+    if isinstance(times, xr.Dataset):
+        read_run(arm, times, Q)
+    elif times is None:
+        pose(arm, Q)
+    else:
+        motion(arm, times, Q)
 
 
 def _draw(scene: Scene, times: Any, Q: Any) -> None:
