@@ -17,7 +17,8 @@ def setting(seed):
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, 6))
     Lambda, Phi, Gamma = A @ A.T + np.eye(6), rng.normal(size=(6, 6)), rng.normal(size=(6, 6))
-    model = reference_model(rng.uniform(1, 4, 6), rng.uniform(2, 5, 6))
+    half = rng.normal(size=(12, 12))  # a full Q: its P_2 is not symmetric
+    model = reference_model(rng.uniform(1, 4, 6), rng.uniform(2, 5, 6), half @ half.T + np.eye(12))
     gains = Gains(10 * np.eye(6) + rng.normal(size=(6, 6)), 10 * np.eye(6) + rng.normal(size=(6, 6)))
     return Lambda, Phi, Gamma, model, gains, rng.normal(size=12)
 
@@ -68,7 +69,7 @@ def test_58_is_the_lower_half_of_P_E():
     *_, model, _, z = setting(3)
     P = np.block([[model.P[:6, :6], model.P_2], [model.P_2.T, model.P_3]])
     assert np.allclose(P, model.P)
-    assert upsilon(model.P_2.T, model.P_3, z[:6], z[6:]) == pytest.approx(-(model.P @ z)[6:], abs=1e-12)
+    assert upsilon(model.P_2, model.P_3, z[:6], z[6:]) == pytest.approx(-(model.P @ z)[6:], abs=1e-12)
 
 
 def test_cartesian_law_traced_equals_floats(arm):

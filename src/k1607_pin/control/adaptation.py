@@ -1,12 +1,13 @@
 """The adaptation of PD gains, (74)-(77): one definition for the joint-space, the Cartesian and the hybrid scheme.
 
-From (61) on the report's signs do not agree with each other. Worked out from (55)-(56), with Upsilon = -P_2 x_e - P_3 x_e':
+From (61) on the report's signs do not agree with each other. Worked out from (55)-(56), with Upsilon = -P_2^T x_e - P_3 x_e',
+the lower half of P E (printed without the transposition, which matters when P_2 is not symmetric):
 
     (57) + (61):  B_1' = -Psi_1^-1 Upsilon x_e^T                       as printed in (64)
     (66):         Lambda^-1 K_p' = -Psi_1^-1 Upsilon x_e^T             as printed in (69)
     (72):         Psi_1 = Lambda / beta_1, positive definite           printed with a minus sign, which would not be
     (74):         K_p' = -beta_1 Upsilon x_e^T                         printed without the minus sign
-    (76):         K_p' = +beta_1 (P_2 x_e + P_3 x_e') x_e^T            as printed
+    (76):         K_p' = +beta_1 (P_2^T x_e + P_3 x_e') x_e^T          as printed, but for the transposition
 
 so that (76)-(77) are right: (74)-(75) follow from the slip in (72)-(73), and the step to (76)-(77) drops it again.
 """
@@ -26,8 +27,8 @@ class Gains(NamedTuple):
 
 
 def upsilon(P_2: Any, P_3: Any, error: Any, error_rate: Any) -> Any:
-    """(m,) -P_2 x_e - P_3 x_e', (58) for z_m = 0."""
-    return -(P_2 @ error) - P_3 @ error_rate
+    """(m,) -P_2^T x_e - P_3 x_e', (58) for z_m = 0; P_2 is the upper right block of P, and symmetric for section 7.2's Q = I."""
+    return -(P_2.T @ error) - P_3 @ error_rate
 
 
 def gain_rates(P_2: Any, P_3: Any, beta_1: Any, beta_2: Any, error: Any, error_rate: Any) -> Gains:

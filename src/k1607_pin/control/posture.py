@@ -39,7 +39,7 @@ def posture_torque(M: Any, J: Any, q: Any, v: Any, q_wanted: Any, v_wanted: Any,
     """(n,) N m that draws q to ``q_wanted`` in the null space of J, critically damped.
 
     (I - J^T J_bar^T) M (omega^2 (q_wanted - q) + 2 omega (v_wanted - v)), with J_bar = M^-1 J^T (J M^-1 J^T)^-1: dynamically
-    consistent (Khatib, 1987), so that the tool is not accelerated as far as M is the arm's. Zero for as many joints as directions.
+    consistent (Khatib, 1987), so that the tool is not accelerated as far as M is the arm's. Zero for six joints.
 
     Parameters
     ----------

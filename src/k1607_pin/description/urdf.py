@@ -79,8 +79,14 @@ def read_dh(urdf: str | Path) -> DHTable:
 
 def _inertial(link: LinkInertia) -> elements.Inertial:
     origin = np.eye(4)
-    origin[:3, 3] = link.cg
-    return elements.Inertial(origin, link.mass, link.inertia)
+    origin[:3, 3] = _twelve_digits(link.cg)
+    return elements.Inertial(origin, link.mass, _twelve_digits(link.inertia))
+
+
+def _twelve_digits(x: np.ndarray) -> np.ndarray:
+    """x to 12 digits of its largest entry: the last ones are rounding's, and another processor's differ."""
+    largest = float(np.abs(x).max())
+    return np.round(x, 11 - int(np.floor(np.log10(largest)))) + 0.0 if largest > 0 else x
 
 
 def _geometry(shape: Shape) -> elements.Geometry:

@@ -109,7 +109,7 @@ def _moore_penrose() -> float:
     return max(gap(differential.weighted_pseudo_inverse(J).matrix, np.linalg.pinv(J)) for J in _well_conditioned())
 
 
-EQUATIONS = [
+EQUATIONS: list[Equation] = [
     Equation(
         12,
         "The Jacobian is made of seven columns.",

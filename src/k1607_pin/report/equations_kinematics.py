@@ -107,7 +107,7 @@ def _rigid(T: np.ndarray) -> float:
 
 INFERRED = "The numbers (5)-(10) are lost; inferred from '(5)-(11)' and the grouping of the formulas."
 
-EQUATIONS = [
+EQUATIONS: list[Equation] = [
     Equation(
         1,
         "A link transform is a rotation and a position, with (0, 0, 0, 1) below.",

@@ -138,7 +138,7 @@ def _twice_the_vector() -> float:
 
 PINOCCHIO = "Pinocchio (Eigen) quaternions, 500 random rotations"
 
-EQUATIONS = [
+EQUATIONS: list[Equation] = [
     Equation(
         24,
         "The entries of an orientation matrix are r_ij.",
