@@ -10,7 +10,9 @@ demo: .venv/demo
 	$(BIN)/k1607 equations
 	$(BIN)/k1607 reproduce --out $(OUT)
 	$(BIN)/k1607 view --html $(OUT)/k1607.html
-	@echo "Look at $(OUT)/index.html (results and figures) and $(OUT)/k1607.html (the arm in 3-D)."
+	$(BIN)/k1607 simulate 1 --html $(OUT)/case-1.html
+	$(BIN)/k1607 simulate 2 --html $(OUT)/case-2.html
+	@echo "Look at $(OUT)/index.html (results and figures), $(OUT)/k1607.html (the arm in 3-D), $(OUT)/case-1.html and case-2.html (animations)."
 
 test: .venv/test browser
 	$(BIN)/pytest -n auto --nbmake tests notebooks

@@ -8,6 +8,8 @@ from scipy.optimize import least_squares
 
 from k1607_pin.arm.arm import Arm
 
+NEWTON_STEPS = 10
+NEWTON_TOLERANCE = 1e-10  # m, rad: quadratic convergence leaves no reason to stop before
 RIGID = 1e-4  # deviation of R R^T from the identity that passes as rounding, of digits copied by hand say
 
 
@@ -42,9 +44,9 @@ def inverse_kinematics(
 ) -> InverseKinematics:
     """Joint angles that bring the tool to ``target``, within joint limits.
 
-    Bounded nonlinear least squares on the pose error (p_d - p, log(R_d R^T)) with its exact Jacobian, from q0 and then from
-    random postures until one converges. The residual is zero at a solution, so convergence is quadratic where J has full
-    rank; of the redundant arm's many solutions it returns one near its start.
+    From q0, and then from random postures until one converges: a few Newton steps; where these leave the limits or do not arrive,
+    bounded nonlinear least squares on the pose error (p_d - p, log(R_d R^T)) with its exact Jacobian, and Newton steps from
+    what that found. Of the redundant arm's many solutions it returns one near its start.
 
     Parameters
     ----------
@@ -68,19 +70,23 @@ def inverse_kinematics(
     rng = np.random.default_rng(seed)
     best: InverseKinematics | None = None
     for k in range(starts):
-        # trf keeps to the interior: a start exactly on a limit is nudged off it
-        inside = np.clip(start, lower + 1e-9, upper - 1e-9)
-        solution = least_squares(
-            lambda q: pose_error(wanted, arm.forward_kinematics(q)),
-            inside,
-            lambda q: _error_jacobian(arm, wanted, q),
-            bounds=(lower, upper),
-            xtol=1e-15,
-            ftol=1e-15,
-            gtol=1e-15,
-            max_nfev=100,
-        )
-        result = _result(arm, wanted, solution.x, (position_tolerance, orientation_tolerance), k + 1)
+        q = newton(arm, wanted, start, NEWTON_TOLERANCE)
+        if q is None:
+            # trf keeps to the interior: a start exactly on a limit is nudged off it
+            inside = np.clip(start, lower + 1e-9, upper - 1e-9)
+            solution = least_squares(
+                lambda q: pose_error(wanted, arm.forward_kinematics(q)),
+                inside,
+                lambda q: _error_jacobian(arm, wanted, q),
+                bounds=(lower, upper),
+                xtol=1e-15,
+                ftol=1e-15,
+                gtol=1e-15,
+                max_nfev=100,
+            )
+            polished = newton(arm, wanted, solution.x, NEWTON_TOLERANCE)  # next to a limit trf closes in but slowly
+            q = solution.x if polished is None else polished
+        result = _result(arm, wanted, q, (position_tolerance, orientation_tolerance), k + 1)
         if best is None or _distance(result) < _distance(best):
             best = result
         if result.converged:
@@ -88,6 +94,17 @@ def inverse_kinematics(
         start = rng.uniform(low, high)
     assert best is not None
     return InverseKinematics(**{**vars(best), "starts": starts})
+
+
+def newton(arm: Arm, wanted: pin.SE3, q: np.ndarray, tolerance: float) -> np.ndarray | None:
+    """(n,) rad: the posture that a few Newton steps of least joint motion lead to from q; None if that is out of the limits, or
+    further from ``wanted`` than ``tolerance`` [m, rad]."""
+    for _ in range(NEWTON_STEPS):
+        error = pose_error(wanted, arm.forward_kinematics(q))
+        if np.abs(error).max() < tolerance:
+            return q if ((q >= arm.lower) & (q <= arm.upper)).all() else None
+        q = q + np.linalg.lstsq(arm.jacobian(q), error, rcond=1e-3)[0]
+    return None
 
 
 def pose_error(wanted: pin.SE3, actual: pin.SE3) -> np.ndarray:

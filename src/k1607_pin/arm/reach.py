@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, pose_error
+from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, newton
 
 CLOSE = 1e-6  # m, rad: near enough to say that a point is reached
 LOOKS = 40  # points of a path that are looked at
@@ -58,7 +58,7 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.n
     sigma: list[float] = []
     for t in times:
         wanted = pin.SE3(np.asarray(rotation, dtype=float), np.asarray(path(t).position, dtype=float))
-        near = _nearby(arm, wanted, q)
+        near = newton(arm, wanted, q, CLOSE)
         if near is None:
             found = inverse_kinematics(arm, wanted, q, CLOSE, CLOSE)
             if not found.converged:
@@ -69,13 +69,3 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.n
         postures.append(q := near)
         sigma.append(float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1]))
     return Followed(times, np.array(postures), tuple(jumps), np.array(sigma))
-
-
-def _nearby(arm: Arm, wanted: pin.SE3, q: np.ndarray) -> np.ndarray | None:
-    """A posture close to q by a few Newton steps; None when they do not lead there, or out of the limits."""
-    for _ in range(8):
-        error = pose_error(wanted, arm.forward_kinematics(q))
-        if np.abs(error).max() < CLOSE:
-            return q if ((q >= arm.lower) & (q <= arm.upper)).all() else None
-        q = q + np.linalg.lstsq(arm.jacobian(q), error, rcond=1e-3)[0]
-    return None

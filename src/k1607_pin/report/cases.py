@@ -106,8 +106,9 @@ def study_case(
             raise ValueError(f"{name}: expected a number >= 0, got {value!r}")
     if control_period is not None and not 0 < control_period < np.inf:
         raise ValueError(f"control_period: expected a positive time in s, got {control_period!r}")
-    build = _as_published if settings == "report" else _recommended
-    return build(number, arm, q0, payload, gravity, control_period)
+    if settings == "report":
+        return as_published(number, data.load("study_cases")["report"], payload, gravity, control_period)
+    return _recommended(number, arm, q0, payload, gravity, control_period)
 
 
 def section_7_2() -> ReferenceModel:
@@ -117,12 +118,18 @@ def section_7_2() -> ReferenceModel:
     return reference_model(design["delta_1"] * six, design["delta_2"] * six, design["Q"] * np.eye(12))
 
 
-def _as_published(number: int, _arm: Any, _q0: Any, payload: Any, gravity: Any, period: Any) -> StudyCase:
-    facts, choice = data.load("published"), data.load("study_cases")["report"]
+def as_published(
+    number: int,
+    choice: dict[str, Any],
+    payload: float | None = None,
+    gravity: float | None = None,
+    period: float | None = None,
+) -> StudyCase:
+    """A study case with what `study_cases.toml` has in its table "report", or the like of it; the rest as for `study_case`."""
     start, gains, choices = choice["start"], choice["gains"], choice["choices"]
     g = choices["gravity_m_s2"] if gravity is None else gravity
     arm = load_k1607(gravity=(0.0, 0.0, -g), armature=choice["plant"]["armature_scale"] * load_k1607().armature)
-    rotation = pin.rpy.rpyToMatrix(0.0, np.deg2rad(start["pitch_deg"]), np.deg2rad(start["roll_deg"]))
+    rotation = pin.rpy.rpyToMatrix(0.0, np.deg2rad(start["elevation_deg"]), np.deg2rad(start["azimuth_deg"]))
     path, duration = _k1607_path(number, start["z0_in"], choice["line"]["duration_s"])
     q0 = _posture_at(arm, path(0.0).position, rotation, np.deg2rad(start[f"case{number}_deg"]))
     T = choices["control_period_s"] if period is None else period
@@ -131,7 +138,7 @@ def _as_published(number: int, _arm: Any, _q0: Any, payload: Any, gravity: Any, 
         for a, b in (("K_p_N_m", "K_p_N_m_rad"), ("K_d_N_s_m", "K_d_N_m_s_rad"))
     ]
     law = CartesianAdaptive(arm, path, rotation, Gains(*six), section_7_2(), gains["beta_1"], gains["beta_2"], T)
-    mass = facts["payload_lb"] * POUND if payload is None else payload
+    mass = data.load("published")["payload_lb"] * POUND if payload is None else payload
     plant = Plant(arm, viscous=np.full(arm.n, choice["plant"]["viscous_N_m_s"]))
     return StudyCase(
         number, plant, law, q0, duration, Payload(mass), choices["from_rest"], _step(T, choices["physics_step_s"])

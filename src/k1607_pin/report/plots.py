@@ -136,7 +136,10 @@ def _shade(axes: Any, run: xr.Dataset) -> None:
 
 def _legend(axes: Any) -> None:
     """Below the plot, where no curve can be hidden by it."""
-    axes.legend(fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.22), frameon=False)
+    longest = max(len(label) for label in axes.get_legend_handles_labels()[1])
+    axes.legend(
+        fontsize=8, ncols=4 if longest < 26 else 2, loc="upper center", bbox_to_anchor=(0.5, -0.22), frameon=False
+    )
 
 
 def lyapunov_rate(analysis: xr.Dataset, title: str = "") -> Figure:
