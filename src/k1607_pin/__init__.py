@@ -10,13 +10,20 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics
 from k1607_pin.arm.load import load_example, load_k1607, load_urdf
 from k1607_pin.arm.payload import Payload, with_payload
+from k1607_pin.arm.wrench import Wrench
+from k1607_pin.control.cartesian import CartesianAdaptive
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
-from k1607_pin.simulation.simulate import simulate
+from k1607_pin.simulation.plant import Plant
+from k1607_pin.simulation.simulate import SimulationError, simulate
 
 __all__ = [
     "Arm",
+    "CartesianAdaptive",
     "InverseKinematics",
     "Payload",
+    "Plant",
+    "SimulationError",
+    "Wrench",
     "closed_form",
     "differential",
     "inverse_kinematics",

@@ -9,7 +9,9 @@ from k1607_pin.control.posture import along, hold, posture_torque
 
 def states(arm, count=20):
     rng = np.random.default_rng(8)
-    return [(arm.random_configuration(rng), rng.normal(size=arm.n), arm.random_configuration(rng)) for _ in range(count)]
+    return [
+        (arm.random_configuration(rng), rng.normal(size=arm.n), arm.random_configuration(rng)) for _ in range(count)
+    ]
 
 
 def test_the_tool_is_not_accelerated(arm):

@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space, singular_values
-from k1607_pin.kinematics.differential import RANK_TOLERANCE, Damping, SingularJacobianError
+from k1607_pin.kinematics.differential import Damping, SingularJacobianError
 
 Vector = np.ndarray
+SQUARED_RANK_TOLERANCE = 1e-6
+"""sigma_min / sigma_max below which J counts as singular for Lambda: J M^-1 J^T squares it, and 1e-12 leaves four digits."""
 
 
 class Arm:
@@ -218,15 +220,13 @@ class Arm:
         sigma = singular_values(J)
         sigma_min = float(sigma[-1]) if self.n >= 6 else 0.0
         lam = damping.at(sigma_min) if damping else 0.0
-        if lam == 0 and not sigma_min > RANK_TOLERANCE * sigma[0]:  # NaN is refused too
-            raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0]))
+        needed = SQUARED_RANK_TOLERANCE * float(sigma[0])
+        if lam == 0 and not sigma_min > needed:  # NaN is refused too
+            raise SingularJacobianError(sigma_min, needed)
         J_dot = pin.getFrameJacobianTimeVariation(model, data, tool, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.n)
         T = pin.updateFramePlacement(model, data, tool)
         x = np.concatenate([T.translation, pin.log3(T.rotation)])
-        try:
-            return operational_space(M, C, g, J, J_dot, x, v, sigma_min, lam)
-        except np.linalg.LinAlgError:  # J M^-1 J^T squares J's condition: lost to rounding where J's own rank is not yet
-            raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0])) from None
+        return operational_space(M, C, g, J, J_dot, x, v, sigma_min, lam)
 
     def _refuse_dynamics(self) -> None:
         raise ValueError(

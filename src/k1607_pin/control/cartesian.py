@@ -146,7 +146,9 @@ class CartesianAdaptive:
         }
         torque = step.torque
         if self.posture:
-            torque = torque + posture_torque(self.arm.mass_matrix(q), J, q, v, *self.posture.path(t), self.posture.omega)
+            torque = torque + posture_torque(
+                self.arm.mass_matrix(q), J, q, v, *self.posture.path(t), self.posture.omega
+            )
         return torque, step.gains, log
 
 

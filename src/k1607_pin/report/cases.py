@@ -128,7 +128,7 @@ def as_published(
     """A study case with what `study_cases.toml` has in its table "report", or the like of it; the rest as for `study_case`."""
     start, gains, choices = choice["start"], choice["gains"], choice["choices"]
     g = choices["gravity_m_s2"] if gravity is None else gravity
-    arm = load_k1607(gravity=(0.0, 0.0, -g), armature=choice["plant"]["armature_scale"] * load_k1607().armature)
+    arm = load_k1607(gravity=(0.0, 0.0, 0.0 - g), armature=choice["plant"]["armature_scale"] * load_k1607().armature)
     rotation = pin.rpy.rpyToMatrix(0.0, np.deg2rad(start["elevation_deg"]), np.deg2rad(start["azimuth_deg"]))
     path, duration = _k1607_path(number, start["z0_in"], choice["line"]["duration_s"])
     q0 = _posture_at(arm, path(0.0).position, rotation, np.deg2rad(start[f"case{number}_deg"]))
@@ -140,6 +140,7 @@ def as_published(
     law = CartesianAdaptive(arm, path, rotation, Gains(*six), section_7_2(), gains["beta_1"], gains["beta_2"], T)
     mass = data.load("published")["payload_lb"] * POUND if payload is None else payload
     plant = Plant(arm, viscous=np.full(arm.n, choice["plant"]["viscous_N_m_s"]))
+    _require_whole(duration, T)
     return StudyCase(
         number, plant, law, q0, duration, Payload(mass), choices["from_rest"], _step(T, choices["physics_step_s"])
     )
@@ -149,7 +150,7 @@ def _recommended(number: int, arm: Any, q0: Any, payload: Any, gravity: Any, per
     facts, choice = data.load("published"), data.load("study_cases")["recommended"]
     mass = facts["payload_lb"] * POUND if payload is None else payload
     if arm is None and q0 is None:
-        arm = load_k1607(gravity=(0.0, 0.0, -(choice["gravity_m_s2"] if gravity is None else gravity)))
+        arm = load_k1607(gravity=(0.0, 0.0, 0.0 - (choice["gravity_m_s2"] if gravity is None else gravity)))
         rotation = np.diag([1.0, -1.0, -1.0])  # the tool points down
         path, duration = _k1607_path(number, choice["z0_in"], choice["line_duration_s"])
         q0 = _posture_at(arm, path(0.0).position, rotation, np.deg2rad(choice[f"case{number}_deg"]))
@@ -160,6 +161,7 @@ def _recommended(number: int, arm: Any, q0: Any, payload: Any, gravity: Any, per
         if payload is None:
             mass *= _mass(arm) / _mass(load_k1607())
     omega, T = choice["omega"], choice["control_period_s"] if period is None else period
+    _require_whole(duration, T)
     six = np.ones(6)
     # Delta as the initial gains make the error behave; Q so that P_2 = I and P_3 = I / omega: both errors weigh alike at omega
     model = reference_model(omega**2 * six, 2 * omega * six, np.diag([2 * omega**2] * 6 + [2.0] * 6))
@@ -225,6 +227,11 @@ def _posture_at(arm: Arm, position: np.ndarray, rotation: np.ndarray, near: np.n
     if not found.converged:
         raise ValueError(f"start: {arm.name!r} cannot hold its tool at {np.round(position, 4).tolist()} m as wanted")
     return found.q
+
+
+def _require_whole(duration: float, period: float) -> None:
+    if abs(round(duration / period) * period - duration) > 1e-9 * duration:
+        raise ValueError(f"control_period: expected a whole part of the case's {duration:g} s, got {period!r} s")
 
 
 def _step(period: float, longest: float) -> float:
