@@ -5,6 +5,7 @@ import pytest
 
 import k1607_pin as k1607
 from k1607_pin.arm.payload import Payload
+from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
 from k1607_pin.control.reference_model import reference_model
 from k1607_pin.description.units import INCH, POUND
@@ -75,3 +76,39 @@ def test_the_same_calls_run_another_arm(name, q0):
     log = run(arm, np.array(q0), 0.002, 10.0, np.array([0.05, 0.1, 0.0]), 10.0)
     assert np.abs(log.error.values[:, :3]).max() < 0.02
     assert np.abs(log.error.values[-1]).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rotation": np.ones((3, 3))}, "rotation"),
+        ({"rotation": -np.eye(3)}, "rotation"),
+        ({"rotation": np.eye(4)}, "rotation"),
+        ({"gains": Gains(np.eye(3), np.eye(6))}, "K_p"),
+        ({"gains": Gains(np.eye(6), np.full((6, 6), np.nan))}, "K_d"),
+        ({"model": reference_model(np.ones(7), np.ones(7))}, "model"),
+        ({"beta_1": -1.0}, "beta_1"),
+        ({"beta_2": np.nan}, "beta_2"),
+        ({"period": 0.0}, "period"),
+    ],
+)
+def test_a_controller_that_makes_no_sense_is_refused_when_it_is_made(changes, words):
+    arm = k1607.load_k1607()
+    start = arm.forward_kinematics(POSTURE)
+    good = {
+        "arm": arm, "path": Line(start.translation), "rotation": start.rotation, "gains": Gains(np.eye(6), np.eye(6)),
+        "model": MODEL, "beta_1": 1.0, "beta_2": 1.0, "period": 0.01,
+    }  # fmt: skip
+    CartesianAdaptive(**good)
+    with pytest.raises(ValueError, match=words):
+        CartesianAdaptive(**(good | changes))
+
+
+def test_a_controller_is_only_run_at_its_own_period():
+    arm = k1607.load_k1607()
+    start = arm.forward_kinematics(POSTURE)
+    law = CartesianAdaptive(
+        arm, Line(start.translation), start.rotation, Gains(np.eye(6), np.eye(6)), MODEL, 1.0, 1.0, 0.002
+    )
+    with pytest.raises(ValueError, match=r"control_period: expected the controller's own period, 0\.002 s"):
+        simulate(arm, law, POSTURE, 1.0, control_period=0.01)

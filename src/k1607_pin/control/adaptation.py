@@ -45,3 +45,29 @@ def adapted(gains: Gains, rates: Gains, period: Any) -> Gains:
 def proportional_derivative(gains: Gains, error: Any, error_rate: Any) -> Any:
     """(m,) force K_p x_e + K_d x_e', (40)."""
     return gains.K_p @ error + gains.K_d @ error_rate
+
+
+def checked_gains(gains: Gains, m: int) -> Gains:
+    """The gains as finite (m, m) floats.
+
+    Raises
+    ------
+    ValueError
+        They are not; the message names which.
+    """
+    out = []
+    for name, k in zip(Gains._fields, gains, strict=True):
+        k = np.array(k, dtype=float)
+        if k.shape != (m, m) or not np.isfinite(k).all():
+            raise ValueError(f"gains: expected {name} a finite ({m}, {m}) matrix, got shape {k.shape}")
+        out.append(k)
+    return Gains(*out)
+
+
+def check_adaptation(beta_1: float, beta_2: float, period: float) -> None:
+    """Refuse rates that are negative or not finite, and a period [s] that is not positive, by `ValueError`."""
+    for name, value in (("beta_1", beta_1), ("beta_2", beta_2)):
+        if not 0 <= value < np.inf:
+            raise ValueError(f"{name}: expected a number >= 0, got {value!r}")
+    if not 0 < period < np.inf:
+        raise ValueError(f"period: expected a positive time in s, got {period!r}")

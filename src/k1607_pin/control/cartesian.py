@@ -8,8 +8,16 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.arm.inverse import RIGID
 from k1607_pin.arm.reach import follow
-from k1607_pin.control.adaptation import Gains, adapted, gain_rates, proportional_derivative
+from k1607_pin.control.adaptation import (
+    Gains,
+    adapted,
+    check_adaptation,
+    checked_gains,
+    gain_rates,
+    proportional_derivative,
+)
 from k1607_pin.control.posture import Posture, posture_torque
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.kinematics.orientation import orientation_error
@@ -71,6 +79,11 @@ class CartesianAdaptive:
     """The scheme as a controller for `simulate`: follows a path of the tool's origin, its orientation held.
 
     The report publishes neither the initial gains nor beta_1 and beta_2.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, numbers that are not finite, a rotation that is none, negative beta, a period that is not positive.
     """
 
     arm: Arm
@@ -100,6 +113,16 @@ class CartesianAdaptive:
         "K_d": (("row", "column"), "N s/m, N s/rad; N s, N m s/rad"),
     }
     """What it logs: dimensions and units."""
+
+    def __post_init__(self) -> None:
+        R = np.array(self.rotation, dtype=float)
+        if R.shape != (3, 3) or not np.abs(R @ R.T - np.eye(3)).max() < RIGID or np.linalg.det(R) < 0:
+            raise ValueError(f"rotation: expected a (3, 3) rotation matrix, got\n{self.rotation!r}")
+        object.__setattr__(self, "rotation", R)
+        object.__setattr__(self, "gains", checked_gains(self.gains, 6))
+        if self.model.P_2.shape != (6, 6):
+            raise ValueError(f"model: expected one of 6 systems, got {len(self.model.P_2)}")
+        check_adaptation(self.beta_1, self.beta_2, self.period)
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> Gains:
         """The initial gains, when there is a posture for every point of the path up to ``duration`` [s].

@@ -18,8 +18,10 @@ SHARE = 0.2  # by which a number is changed, up and down
 SHIFT = 4.0  # in or degrees, of heights and angles, whose size says nothing
 CHANGED = {
     "K_p": ("gains", "K_p_N_m"),
+    "K_p z": ("gains", "K_p_z_N_m"),
     "K_p rot": ("gains", "K_p_N_m_rad"),
     "K_d": ("gains", "K_d_N_s_m"),
+    "K_d z": ("gains", "K_d_z_N_s_m"),
     "K_d rot": ("gains", "K_d_N_m_s_rad"),
     "beta_1": ("gains", "beta_1"),
     "beta_2": ("gains", "beta_2"),
@@ -64,11 +66,11 @@ def table() -> dict[str, np.ndarray]:
 
 
 def rests_on(rows: dict[str, np.ndarray], move: float = 0.1) -> list[str]:
-    """(16,) the assumptions that move each number by more than ``move`` of itself, the strongest first."""
+    """(16,) the assumptions that move each number by more than ``move`` of itself, the strongest first; lost runs do not count."""
     base, moves = rows["as chosen"], {}
     for name in CHANGED:
         changes = [np.abs(np.log(rows[f"{name} {s}"] / base)) for s in "-+" if f"{name} {s}" in rows]
-        moves[name] = np.max([np.where(np.isnan(c), np.inf, c) for c in changes], axis=0) if changes else 0 * base
+        moves[name] = np.max([np.nan_to_num(change) for change in changes], axis=0) if changes else 0 * base
     out = []
     for k in range(len(base)):
         strong = sorted((name for name in moves if moves[name][k] > move), key=lambda name: -moves[name][k])

@@ -26,7 +26,8 @@ Observer = Callable[[Arm, np.ndarray, np.ndarray], Mapping[str, Any]]
 class Controller(Protocol):
     """What `simulate` runs: a state and a pure update of it.
 
-    It may have an attribute ``variables``, `Variables` of what it logs; so may an observer.
+    It may have an attribute ``variables``, `Variables` of what it logs; so may an observer. One with a ``period`` [s] of its
+    own is only run at that.
     """
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> Any:
@@ -104,6 +105,8 @@ def simulate(
     q = bare.as_vector(q0, "q0").copy()
     v = np.zeros(bare.n) if v0 is None else bare.as_vector(v0, "v0").copy()
     samples, substeps = _grid(duration, control_period, physics_step)
+    if (period := getattr(controller, "period", control_period)) != control_period:
+        raise ValueError(f"control_period: expected the controller's own period, {period!r} s, got {control_period!r} s")
     schedule = PayloadSchedule(payloads, duration)
     variables = VARIABLES | dict(getattr(controller, "variables", {})) | dict(getattr(observe, "variables", {}))
     state = controller.start(q, v, duration)
