@@ -66,7 +66,7 @@ def table() -> dict[str, np.ndarray]:
 
 
 def rests_on(rows: dict[str, np.ndarray], move: float = 0.1) -> list[str]:
-    """(16,) the assumptions that move each number by more than ``move`` of itself, the strongest first; lost runs do not count."""
+    """(16,) the assumptions that move each number by more than ``move`` of itself, strongest first; lost runs do not count."""
     base, moves = rows["as chosen"], {}
     for name in CHANGED:
         changes = [np.abs(np.log(rows[f"{name} {s}"] / base)) for s in "-+" if f"{name} {s}" in rows]
