@@ -106,7 +106,9 @@ def simulate(
     v = np.zeros(bare.n) if v0 is None else bare.as_vector(v0, "v0").copy()
     samples, substeps = _grid(duration, control_period, physics_step)
     if (period := getattr(controller, "period", control_period)) != control_period:
-        raise ValueError(f"control_period: expected the controller's own period, {period!r} s, got {control_period!r} s")
+        raise ValueError(
+            f"control_period: expected the controller's own period, {period!r} s, got {control_period!r} s"
+        )
     schedule = PayloadSchedule(payloads, duration)
     variables = VARIABLES | dict(getattr(controller, "variables", {})) | dict(getattr(observe, "variables", {}))
     state = controller.start(q, v, duration)
