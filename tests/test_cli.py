@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 from k1607_pin import cli
@@ -106,9 +107,17 @@ def test_simulate_as_json_with_log_figures_and_animation(tmp_path):
     errors = {row["error"]: row for row in told["errors"]}
     assert abs(errors["x"]["max"]) < 0.02
     assert errors["about z"]["unit"] == "deg"
-    assert (tmp_path / "run" / "run.nc").stat().st_size > 10_000
+    with xr.open_dataset(tmp_path / "run" / "run.nc") as run:
+        assert float(run.payload.max()) == pytest.approx(5 * 0.45359237)
     assert (tmp_path / "run" / "path.png").exists()
     assert "<html" in (tmp_path / "run.html").read_text()[:500]
+
+
+def test_simulate_runs_at_the_period_that_was_asked_for(tmp_path):
+    result = k1607("simulate", "1", "--period", "8", "--out", str(tmp_path))
+    assert result.returncode == 0, result.stderr
+    with xr.open_dataset(tmp_path / "run.nc") as run:
+        assert float(run.time[1]) == pytest.approx(0.008)
 
 
 def test_a_run_that_is_lost_says_when_keeps_its_log_and_fails(tmp_path):

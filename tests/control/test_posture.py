@@ -22,9 +22,9 @@ def test_the_tool_is_not_accelerated(arm):
         unprojected = np.abs(9 * (wanted - q) - 6 * v).max()
         # of the six tool directions, up to the condition of J M^-1 J^T times a rounding
         condition = np.linalg.cond(J @ np.linalg.solve(M, J.T))
-        assert np.abs(J @ freely).max() < 1e-15 * condition * 100 * unprojected
+        assert np.abs(J @ freely).max() < (1e-9 + 1e-13) * condition * unprojected  # LEAST, and rounding
         if arm.n == 6:
-            assert np.abs(freely).max() < 1e-15 * condition * 1e3 * unprojected
+            assert np.abs(freely).max() < 1e-8 * condition * unprojected
 
 
 def test_joints_are_drawn_towards_the_posture(reference):
@@ -32,7 +32,6 @@ def test_joints_are_drawn_towards_the_posture(reference):
     for q, _, wanted in states(reference):
         M, J = reference.mass_matrix(q), reference.jacobian(q)
         tau = posture_torque(M, J, q, np.zeros(7), wanted, np.zeros(7), 1.0)
-        assert tau @ np.linalg.solve(M, tau) >= 0
         assert tau @ (wanted - q) >= 0
 
 
@@ -56,3 +55,14 @@ def test_postures_along_a_path_are_met_at_their_times_and_at_rest_at_the_ends():
     h, (q, v) = 1e-6, path(0.77)
     assert np.abs((path(0.77 + h)[0] - path(0.77 - h)[0]) / (2 * h) - v).max() < 1e-7
     assert np.array_equal(hold(Q[0], 1.0).path(9.0)[0], Q[0])
+
+
+def test_a_singular_posture_has_an_answer_and_bad_arguments_are_named(reference):
+    q, v = np.zeros(7), np.ones(7)
+    assert np.isfinite(posture_torque(reference.mass_matrix(q), reference.jacobian(q), q, v, q + 0.1, v, 3.0)).all()
+    with pytest.raises(ValueError, match="omega"):
+        hold(q, -1.0)
+    with pytest.raises(ValueError, match="omega"):
+        along(np.array([0.0, 1.0]), np.zeros((2, 7)), np.nan)
+    with pytest.raises(ValueError, match="q: expected"):
+        hold(np.full(7, np.nan), 1.0)

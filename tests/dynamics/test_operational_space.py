@@ -212,16 +212,16 @@ def test_an_argument_that_is_wrong_is_named(reference):
         reference.operational_space(np.full(7, np.nan), q)
 
 
-@pytest.mark.parametrize("a", [1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+@pytest.mark.parametrize("a", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
 def test_near_a_singularity_lambda_has_its_digits_or_is_refused(reference, a):
     """Elbow and wrist straightened together: what is handed out inverts the mobility."""
     q, v = np.array([0.3, 0.5, 0.4, a, 0.3, a, 0.2]), np.zeros(7)
     J, M = reference.jacobian(q), reference.mass_matrix(q)
     sigma = np.linalg.svd(J, compute_uv=False)
-    if sigma[-1] < 1e-6 * sigma[0]:
+    if sigma[-1] < 1e-4 * sigma[0]:
         with pytest.raises(SingularJacobianError):
             reference.operational_space(q, v)
         return
     there = reference.operational_space(q, v)
-    assert np.abs(there.Lambda @ J @ np.linalg.solve(M, J.T) - np.eye(6)).max() < 1e-2
-    assert np.abs(J @ there.jacobian_bar - np.eye(6)).max() < 1e-2
+    assert np.abs(there.Lambda @ J @ np.linalg.solve(M, J.T) - np.eye(6)).max() < 1e-7
+    assert np.abs(J @ there.jacobian_bar - np.eye(6)).max() < 1e-7

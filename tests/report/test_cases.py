@@ -147,3 +147,23 @@ def test_figures_show_what_they_say(published):
     assert any(f"max {largest:.3g}" in line.get_label() for line in errors.lines)
     for draw in (plots.velocity_errors, plots.tool_path, plots.other_errors, plots.gains):
         assert all("[" in axes.get_ylabel() or "(t)" in axes.get_ylabel() for axes in draw(run).axes)
+
+
+@pytest.mark.parametrize("settings", ["report", "recommended"])
+def test_gravity_is_what_was_asked_for(settings):
+    options = {} if settings == "report" else {"q0": np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])}
+    study = study_case(1, settings, gravity=3.7, **options)
+    assert study.law.arm.model.gravity.linear.tolist() == [0.0, 0.0, -3.7]
+
+
+def test_what_a_number_rests_on_is_read_off_the_rows():
+    from k1607_pin.report.sensitivity import CHANGED, rests_on
+
+    base = np.ones(16)
+    rows = {"as chosen": base} | {f"{name} {s}": base.copy() for name in CHANGED for s in "-+"}
+    rows["K_p +"] = np.r_[1.3, np.ones(15)]
+    rows["friction -"] = np.r_[0.5, np.ones(15)]
+    rows["armature -"] = np.full(16, np.nan)
+    text = rests_on(rows)
+    assert text[0] == "friction, K_p; lost with armature -"
+    assert text[1] == "none by itself; lost with armature -"

@@ -1,5 +1,6 @@
 """`reproduce` writes a page, figures and numbers that agree with each other."""
 
+import html
 import json
 
 import pytest
@@ -13,32 +14,36 @@ from k1607_pin.report.reproduce import reproduce
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
     steps = []
-    results = reproduce(out, steps.append)
-    assert len(steps) == len(FIGURES) + 3
-    return out, results
+    results, aims = reproduce(out, steps.append)
+    assert set(FIGURES) < set(steps)
+    assert len(steps) == len(set(steps))
+    return out, results, aims
 
 
 def test_results_json_has_an_entry_a_published_number(folder):
-    out, results = folder
+    out, results, aims = folder
+    assert [e["verdict"] for e in json.loads((out / "aims.json").read_text())] == [a.verdict for a in aims]
     entries = json.loads((out / "results.json").read_text())
     assert [e["id"] for e in entries] == [r.id for r in results]
     for e in entries:
         assert {"id", "published", "unit", "ours", "ratio", "verdict"} <= e.keys()
         if isinstance(e["published"], float):
-            assert e["ratio"] == pytest.approx(e["ours"] / e["published"])
+            assert e["ratio"] == pytest.approx(abs(e["ours"] / e["published"]))
 
 
 def test_every_figure_is_drawn_as_png_and_svg(folder):
-    out, _ = folder
-    for name in FIGURES:
+    out, _, _ = folder
+    of_cases = [f"figure-{k}" for k in range(15, 23)] + ["stability-map"]
+    of_cases += [f"case-{n}-{what}" for n in (1, 2) for what in ("other-errors", "gains", "lyapunov", "recommended")]
+    for name in [*FIGURES, *of_cases]:
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (out / f"{name}.svg").read_text()[:1000]
 
 
 def test_the_page_shows_every_number_and_figure_and_needs_no_network(folder):
-    out, results = folder
-    page = (out / "index.html").read_text()
-    for r in results:
+    out, results, aims = folder
+    page = html.unescape((out / "index.html").read_text())
+    for r in [*results, *aims]:
         assert r.quantity in page
         assert f"{r.ours:.3g}" in page
     for name in FIGURES:

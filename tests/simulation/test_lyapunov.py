@@ -3,17 +3,20 @@
 import logging
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import k1607_pin as k1607
 from k1607_pin.arm.payload import Payload
+from k1607_pin.arm.wrench import Wrench
 from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
-from k1607_pin.control.lyapunov import lyapunov
+from k1607_pin.control.lyapunov import NEEDED, _disturbance, lyapunov
 from k1607_pin.control.posture import hold
 from k1607_pin.control.reference_model import reference_model
 from k1607_pin.paths.report_paths import Line
 from k1607_pin.simulation.integrators import runge_kutta_4
 from k1607_pin.simulation.observe import ObserveOperationalSpace
+from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.simulate import simulate
 
 MODEL = reference_model(2 * np.ones(6), 3 * np.ones(6))  # section 7.2
@@ -73,6 +76,69 @@ def test_rate_s_terms_add_up_to_what_v_does(name, gravity):
     coarse, fine = gap(0.002), gap(0.001)
     assert fine < 0.01
     assert coarse / fine > 1.6
+
+
+@pytest.mark.parametrize("kind", ["friction", "limits", "push", "swing"])
+def test_disturbances_are_in_the_account(kind):
+    """Friction, motors at their limits, a push from outside, a swinging elbow."""
+    arm, q0 = load("k1607", gravity=False), POSTURES["k1607"]
+    start = arm.forward_kinematics(q0)
+    plant = Plant(arm, viscous=np.full(7, 18.0 if kind == "friction" else 0.0),
+                  torque_limit=np.full(7, 2.0 if kind == "limits" else np.inf))  # fmt: skip
+    law = CartesianAdaptive(arm, Line(start.translation, np.array([0.1, 0.2, 0.0])), start.rotation,
+                            gains_from_inertia(arm, q0, 10.0), MODEL, 1e4, 1e4, 0.001)  # fmt: skip
+    push = Wrench(np.array([5.0, -3.0, 2.0])) if kind == "push" else None
+    J = arm.jacobian(q0)
+    v0 = 2.0 * (np.eye(7) - np.linalg.pinv(J) @ J)[0] if kind == "swing" else None
+    log = simulate(plant, law, q0, 0.4, v0, 0.001, 0.001, runge_kutta_4, external=lambda t, q, v: push, observe=OBSERVE)
+    v = lyapunov(log, MODEL, 1e4, 1e4)
+    rate = v.v_rate.values
+    apart = np.abs(v.v_rate_measured.values[:-1] - (rate[:-1] + rate[1:]) / 2)
+    assert apart.max() < 0.02 * np.abs(rate).max()
+    # and without the term it would not close
+    assert np.abs(v.disturbance).max() > 5 * apart.max() or kind == "swing"
+
+
+def test_a_turned_tool_s_error_changes_by_more_than_its_rate():
+    """2 delta s of a large error, differenced along the run, against x_e' and what the disturbance adds to it."""
+    arm, q0 = load("k1607", gravity=False), POSTURES["k1607"]
+    start = arm.forward_kinematics(q0)
+    turned = pin.exp3(np.array([0.6, -0.3, 0.4])) @ start.rotation
+    law = CartesianAdaptive(
+        arm,
+        Line(start.translation, np.array([0.1, 0.2, 0.0])),
+        turned,
+        gains_from_inertia(arm, q0, 10.0),
+        MODEL,
+        1.0,
+        1.0,
+        1e-3,
+    )
+    log = simulate(arm, law, q0, 0.3, None, 1e-3, 1e-3, runge_kutta_4, observe=OBSERVE)
+    added = _disturbance({name: log[name].values for name in NEEDED})[:, 3:6]
+    rate = np.diff(log.error.values[:, 3:], axis=0) / 1e-3
+    expected = log.error_rate.values[:, 3:] + added
+    middle = (expected[1:] + expected[:-1]) / 2
+    assert np.abs(rate - middle).max() < 1e-4 * np.abs(rate).max()  # a trapezoid's T^2/12 of the third derivative
+    assert np.abs(added).max() > 0.02 * np.abs(rate).max()
+
+
+def test_premise_ratios_are_those_of_finite_differences():
+    arm, q0 = load("k1607", gravity=False), POSTURES["k1607"]
+    log, v = run(arm, q0, duration=0.5, omega=10.0, damping=1.0, extent=(0.1, 0.2, 0.0), beta=1e4)
+    inverse = np.linalg.inv(log.Lambda.values)
+    for name, gain, part in (("premise_66", "K_p", "Gamma"), ("premise_67", "K_d", "Phi")):
+        B = inverse @ (log[part].values + log[gain].values)
+        kept = inverse[1:-1] @ ((log[gain].values[2:] - log[gain].values[:-2]) / 0.002)
+        rate = (B[2:] - B[:-2]) / 0.002
+        ratio = np.linalg.norm(rate - kept, axis=(1, 2)) / np.linalg.norm(kept, axis=(1, 2))
+        assert v[name].values[100:-1:50] == pytest.approx(ratio[99::50][: len(v[name].values[100:-1:50])], rel=0.05)
+    change = np.linalg.norm(np.diff(log.Lambda.values, axis=0), axis=(1, 2)) / np.linalg.norm(
+        log.Lambda.values[1:], axis=(1, 2)
+    )
+    assert v.change_of_Lambda.values[50:-1:50] == pytest.approx(
+        change[50::50][: len(v.change_of_Lambda.values[50:-1:50])], rel=0.05
+    )
 
 
 def test_v_falls_where_the_premise_holds():

@@ -1,5 +1,7 @@
 """`simulate`: the energy account closes, payloads come and go, what runs away is kept, bad input is refused."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -108,16 +110,85 @@ def test_a_payload_that_grows_costs_no_more_than_its_lift_and_the_account_closes
     assert abs(float(grown.energy_residual[-1])) < 0.05 * float(grown.payload_energy[-1])
 
 
-def test_a_payload_that_shrinks_takes_its_momentum_along_even_when_gripping_from_rest():
+def test_one_payload_after_another_at_rest_is_let_go_and_gripped():
+    """Momentum at the swap: the old payload keeps its own, the new one brings none, whatever their masses."""
     arm, v0 = k1607.load_k1607(gravity=(0, 0, 0)), np.full(7, 0.4)
-    half = Payload(BOX.mass / 2, BOX.cg, BOX.inertia / 2)
-    log = simulate(arm, Hold(arm, 0.0, 0.0), posture(arm), 0.01, v0, payloads=[(0.0, BOX)], from_rest=True)
-    loaded = log.v.values[0]
-    log = simulate(arm, Hold(arm, 0, 0), posture(arm), 0.02, v0, payloads=[(0.0, BOX), (0.01, half)], from_rest=True)
-    # gripped at 0, carried for 10 ms, half of it let go: no jump there beyond what 10 ms of coasting change
-    assert np.abs(log.v.values[0] - loaded).max() == 0
-    coasting = simulate(arm, Hold(arm, 0, 0), posture(arm), 0.02, v0, payloads=[(0.0, BOX)], from_rest=True)
-    assert np.array_equal(log.v.values[1], coasting.v.values[1])
+    for second in (Payload(BOX.mass / 2, BOX.cg), Payload(BOX.mass, -BOX.cg), Payload(2 * BOX.mass)):
+        changes = [(0.0, BOX), (0.01, second)]
+        log = simulate(arm, Hold(arm, 0, 0), posture(arm), 0.02, v0, payloads=changes, from_rest=True)
+        coasting = simulate(arm, Hold(arm, 0, 0), posture(arm), 0.02, v0, payloads=changes[:1], from_rest=True)
+        q, before, after = log.q.values[1], coasting.v.values[1], log.v.values[1]
+        assert with_payload(arm, second).mass_matrix(q) @ after == pytest.approx(arm.mass_matrix(q) @ before, rel=1e-9)
+
+
+def test_a_ramp_from_rest_takes_momentum_share_by_share():
+    """Little by little or at once: without gravity and torque, the arm's own momentum law gives the same end to first order."""
+    arm, v0 = k1607.load_k1607(gravity=(0, 0, 0)), np.full(7, 0.4)
+    at_once = simulate(arm, Hold(arm, 0, 0), posture(arm), 0.02, v0, payloads=[(0.01, BOX)], from_rest=True)
+    ramp = simulate(arm, Hold(arm, 0, 0), posture(arm), 0.02, v0, payloads=[(0.005, BOX, 0.01)], from_rest=True,
+                    control_period=0.001)  # fmt: skip
+    lost = 0.4 - at_once.v.values[-1]
+    assert np.abs(ramp.v.values[-1] - at_once.v.values[-1]).max() < 0.05 * np.abs(lost).max()
+
+
+def test_a_stuck_motor_at_its_limit_gives_that_and_no_more():
+    """One prismatic-like answer: a joint about the vertical, weightless, asked for far more than its limit."""
+    arm = k1607.load_k1607(gravity=(0, 0, 0))
+    plant = Plant(arm, torque_limit=np.full(7, 3.0))
+
+    class Full(Hold):
+        def update(self, t, q, v, state):
+            return np.full(7, 1e4), state, {}
+
+    log = simulate(plant, Full(arm), posture(arm), 0.05)
+    assert (log.tau == 3.0).all()
+    free = simulate(arm, Fixed(np.full(7, 3.0)), posture(arm), 0.05)
+    assert np.array_equal(log.q, free.q)
+
+
+class Fixed:
+    """A constant torque."""
+
+    def __init__(self, tau):
+        self.tau = tau
+
+    def start(self, q, v, duration):
+        return None
+
+    def update(self, t, q, v, state):
+        return self.tau, None, {}
+
+
+def test_coulomb_friction_stops_a_turning_joint_where_it_must():
+    """Joint 1 alone, weightless, arm held out by nobody: its speed falls by c/M a second, M the inertia about its axis."""
+    model = k1607.load_k1607(gravity=(0, 0, 0)).model
+    import pinocchio as pin
+
+    locked = pin.buildReducedModel(model, list(range(2, 8)), np.array([0, 1.0, 0, 1.0, 0, 0.5, 0]))
+    arm = k1607.Arm(locked, "tool")
+    plant = Plant(arm, coulomb=np.array([5.0]))
+    M = float(arm.mass_matrix(np.zeros(1))[0, 0])
+    log = simulate(plant, Fixed(np.zeros(1)), np.zeros(1), 0.5, np.array([1.0]))
+    assert float(log.v[-1, 0]) == pytest.approx(1.0 - 5.0 * 0.5 / M, rel=1e-9)
+    assert float(log.dissipated[-1]) == pytest.approx(0.5 * M * (1 - float(log.v[-1, 0]) ** 2), rel=1e-3)
+
+
+def test_external_is_told_the_physics_step_s_time():
+    told = []
+
+    def external(t, q, v):
+        told.append(t)
+
+    arm = k1607.load_k1607()
+    simulate(arm, Hold(arm), posture(arm), 0.02, external=external)
+    assert sorted(set(np.round(told, 9))) == pytest.approx(np.arange(21) * 0.001)
+
+
+def test_a_payload_comes_at_the_nearest_control_sample():
+    arm = k1607.load_k1607()
+    for wanted, sample in ((0.104, 10), (0.106, 11)):
+        log = simulate(arm, Hold(arm), posture(arm), 0.2, payloads=[(wanted, BOX)])
+        assert int(np.argmax(log.payload.values > 0)) == sample
 
 
 def test_a_push_from_outside_does_its_work_and_no_more():
@@ -155,13 +226,52 @@ def test_what_runs_away_ends_with_an_error_and_keeps_the_log():
     error = caught.value
     assert 0 < error.time < 5
     assert np.isfinite(error.q).all()
-    assert error.log.sizes["time"] == round(error.time / 0.01) + 1
+    assert error.log.sizes["time"] == int(error.time / 0.01 + 1e-9) + 1
     assert np.isfinite(error.log.q).all()
+
+
+def test_an_infinite_torque_is_no_torque_even_with_a_limit():
+    arm = k1607.load_k1607()
+    plant = Plant(arm, torque_limit=np.full(7, 3.0))
+    with pytest.raises(SimulationError, match="asks for a torque that is not finite") as caught:
+        simulate(plant, Fixed(np.full(7, np.inf)), posture(arm), 0.1)
+    assert pickle.loads(pickle.dumps(caught.value)).time == caught.value.time
+
+
+def test_logs_that_hide_or_change_are_refused():
+    arm = k1607.load_k1607()
+
+    class Hiding(Hold):
+        def update(self, t, q, v, state):
+            return super().update(t, q, v, state)[0], state, {"energy": -1.0}
+
+    class Changing(Hold):
+        def update(self, t, q, v, state):
+            return super().update(t, q, v, state)[0], state, {"a": 1.0} if t < 0.05 else {"b": 1.0}
+
+    with pytest.raises(ValueError, match="simulate's own, got energy"):
+        simulate(arm, Hiding(arm), posture(arm), 0.1)
+    with pytest.raises(ValueError, match="a change of a, b"):
+        simulate(arm, Changing(arm), posture(arm), 0.1)
+
+
+def test_an_error_of_the_controller_s_own_says_when():
+    arm = k1607.load_k1607()
+
+    class Broken(Hold):
+        def update(self, t, q, v, state):
+            if t > 0.045:
+                raise KeyError("gone")
+            return super().update(t, q, v, state)
+
+    with pytest.raises(KeyError) as caught:
+        simulate(arm, Broken(arm), posture(arm), 0.1)
+    assert any("t = 0.05 s" in note for note in caught.value.__notes__)
 
 
 def test_progress_is_told():
     arm, shares = k1607.load_k1607(), []
-    simulate(arm, Hold(arm), posture(arm), 0.1, progress=shares.append)
+    simulate(arm, Hold(arm), posture(arm), 3.5, progress=shares.append)
     assert shares[0] == 0
     assert shares[-1] == 1
     assert shares == sorted(shares)

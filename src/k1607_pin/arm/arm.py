@@ -12,8 +12,8 @@ from k1607_pin.dynamics.operational_space import OperationalSpace, operational_s
 from k1607_pin.kinematics.differential import Damping, SingularJacobianError
 
 Vector = np.ndarray
-SQUARED_RANK_TOLERANCE = 1e-6
-"""sigma_min / sigma_max below which J counts as singular for Lambda: J M^-1 J^T squares it, and 1e-12 leaves four digits."""
+SQUARED_RANK_TOLERANCE = 1e-4
+"""sigma_min / sigma_max below which J counts as singular for Lambda: J M^-1 J^T squares it, and 1e-8 leaves eight digits."""
 
 
 class Arm:
@@ -221,7 +221,7 @@ class Arm:
         sigma_min = float(sigma[-1]) if self.n >= 6 else 0.0
         lam = damping.at(sigma_min) if damping else 0.0
         needed = SQUARED_RANK_TOLERANCE * float(sigma[0])
-        if lam == 0 and not sigma_min > needed:  # NaN is refused too
+        if not np.hypot(sigma_min, lam) > needed:  # NaN is refused too
             raise SingularJacobianError(sigma_min, needed)
         J_dot = pin.getFrameJacobianTimeVariation(model, data, tool, pin.LOCAL_WORLD_ALIGNED).reshape(6, self.n)
         T = pin.updateFramePlacement(model, data, tool)

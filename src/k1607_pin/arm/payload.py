@@ -71,6 +71,17 @@ def blend(first: Payload, second: Payload, share: float) -> Payload:
     return Payload(a + b, first.cg + b / (a + b) * apart, inertia)
 
 
+def velocity_after_gripping(bare: Arm, after: Arm, gripped: Payload, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(n,) rad/s after ``gripped``, at rest until then, has become part of what the arm ``after`` carries.
+
+    M' v' = (M' - M_gripped) v: all but the newcomer brings its momentum. What was let go at the same moment took its own along.
+    bare : the arm without any payload; q, v : (n,) at that moment.
+    """
+    M = after.mass_matrix(q)
+    newcomer = with_payload(bare, gripped).mass_matrix(q) - bare.mass_matrix(q)
+    return np.linalg.solve(M, (M - newcomer) @ bare.as_vector(v, "v"))
+
+
 def velocity_after_pickup(before: Arm, after: Arm, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(n,) rad/s after a payload at rest has been gripped, all at once: the joints' momentum is conserved, M' v' = M v.
 

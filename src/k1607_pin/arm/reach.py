@@ -10,7 +10,8 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, newton
 
 CLOSE = 1e-6  # m, rad: near enough to say that a point is reached
-LOOKS = 40  # points of a path that are looked at
+LOOKS = 40  # points of a path that are looked at, at least
+LOOK_EVERY = 0.25  # s between them, at most: what leaves the workspace and comes back faster is not seen
 JUMP = 1.0  # rad (m): more than any joint moves between two of them, unless it takes another posture
 
 
@@ -18,7 +19,7 @@ class UnreachableError(ValueError):
     """A point of a path that the arm has no posture for."""
 
     def __init__(self, arm: Arm, time: float, position: np.ndarray, closest: InverseKinematics) -> None:
-        self.time, self.position, self.closest = time, position, closest
+        self.time, self.position, self.closest, self._arm = time, position, closest, arm
         at_limit = f"; at its limits there: {', '.join(closest.at_limit)}" if closest.at_limit else ""
         super().__init__(
             f"path: {arm.name!r} cannot bring {arm.tool_frame!r} to {np.round(position, 4).tolist()} m as wanted, "
@@ -26,18 +27,21 @@ class UnreachableError(ValueError):
             f"{closest.orientation_error:.3g} rad{at_limit}"
         )
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._arm, self.time, self.position, self.closest)
+
 
 class Followed(NamedTuple):
     """Postures along a path."""
 
     times: np.ndarray
-    """(LOOKS,) s"""
+    """(N,) s"""
     postures: np.ndarray
-    """(LOOKS, n) rad, within the limits"""
+    """(N, n) rad, within the limits"""
     jumps: tuple[float, ...]
     """s: when a posture is not a continuation of the one before, because that would leave the limits"""
     sigma_min: np.ndarray
-    """(LOOKS,) smallest singular value of J"""
+    """(N,) smallest singular value of J; 0 for fewer than six joints"""
 
 
 def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.ndarray, duration: float) -> Followed:
@@ -52,7 +56,9 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.n
     UnreachableError
         There is none for a point; it says which, when, and how close the arm comes.
     """
-    times = np.linspace(0.0, duration, LOOKS)
+    if not 0 < duration < np.inf:
+        raise ValueError(f"duration: expected a positive time in s, got {duration!r}")
+    times = np.linspace(0.0, duration, max(LOOKS, int(np.ceil(duration / LOOK_EVERY)) + 1))
     postures: list[np.ndarray] = []
     jumps: list[float] = []
     sigma: list[float] = []
@@ -67,5 +73,5 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.n
             if postures and np.abs(near - q).max() > JUMP:
                 jumps.append(float(t))
         postures.append(q := near)
-        sigma.append(float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1]))
+        sigma.append(float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1]) if arm.n >= 6 else 0.0)
     return Followed(times, np.array(postures), tuple(jumps), np.array(sigma))

@@ -59,7 +59,7 @@ def checked_gains(gains: Gains, m: int) -> Gains:
     for name, k in zip(Gains._fields, gains, strict=True):
         k = np.array(k, dtype=float)
         if k.shape != (m, m) or not np.isfinite(k).all():
-            raise ValueError(f"gains: expected {name} a finite ({m}, {m}) matrix, got shape {k.shape}")
+            raise ValueError(f"gains: expected {name} a finite ({m}, {m}) matrix, got {k if k.size < 50 else k.shape}")
         out.append(k)
     return Gains(*out)
 

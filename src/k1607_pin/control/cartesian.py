@@ -12,13 +12,13 @@ from k1607_pin.arm.inverse import RIGID
 from k1607_pin.arm.reach import follow
 from k1607_pin.control.adaptation import (
     Gains,
-    adapted,
     check_adaptation,
     checked_gains,
     gain_rates,
     proportional_derivative,
 )
 from k1607_pin.control.posture import Posture, posture_torque
+from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.kinematics.orientation import orientation_error
 
@@ -36,6 +36,8 @@ class Step(NamedTuple):
     """(6,) x_e: position [m] and orientation [rad], base axes"""
     error_rate: Any
     """(6,) m/s, rad/s"""
+    share: Any
+    """Of the torque asked for that the limit lets through, at most 1"""
 
 
 def pose_error(position: Any, rotation: Any, wanted_position: Any, wanted_rotation: Any) -> Any:
@@ -57,6 +59,9 @@ def cartesian_adaptive(
     beta_1: Any,
     beta_2: Any,
     period: Any,
+    start: Gains | None = None,
+    other_torque: Any = 0.0,
+    practice: Practice = OFF,
 ) -> Step:
     """One step of the scheme: torque from the present gains, then the gains adapted, (40)-(41) and (76)-(77).
 
@@ -66,12 +71,17 @@ def cartesian_adaptive(
     wanted_position (3,) m, wanted_rotation (3, 3), wanted_velocity (6,) m/s and rad/s : base axes.
     gains : `Gains` of 6 by 6; P_2, P_3 (6, 6) : see `reference_model`; beta_1, beta_2 : adaptation rates.
     period : s.
+    start : K(0), for a practice that refers to it; None for the present gains.
+    other_torque : (n,) N m, added to the law's before the limit: gravity's, a posture's.
+    practice : options beyond the report.
     """
     error = pose_error(position, rotation, wanted_position, wanted_rotation)
     error_rate = wanted_velocity - J @ v
     force = proportional_derivative(gains, error, error_rate)
     rates = gain_rates(P_2, P_3, beta_1, beta_2, error, error_rate)
-    return Step(J.T @ force, adapted(gains, rates, period), error, error_rate)
+    torque, share = limited(J.T @ force + other_torque, practice)
+    after = next_gains(start or gains, gains, rates, error, share, period, practice)
+    return Step(torque, after, error, error_rate, share)
 
 
 @dataclass(frozen=True)
@@ -102,6 +112,8 @@ class CartesianAdaptive:
     """s, the control period"""
     posture: Posture | None = None
     """What the null space is to keep to; None leaves it to itself, as the report does. Uses the arm's mass matrix."""
+    practice: Practice = OFF
+    """What the report's law lacks"""
 
     variables: ClassVar[dict[str, tuple[tuple[str, ...], str]]] = {
         "error": (("direction",), "m, rad"),
@@ -111,6 +123,7 @@ class CartesianAdaptive:
         "wanted_acceleration": (("axis",), "m/s^2"),
         "K_p": (("row", "column"), "N/m, N/rad; N, N m/rad"),
         "K_d": (("row", "column"), "N s/m, N s/rad; N s, N m s/rad"),
+        "torque_share": ((), ""),
     }
     """What it logs: dimensions and units."""
 
@@ -123,26 +136,41 @@ class CartesianAdaptive:
         if self.model.P_2.shape != (6, 6):
             raise ValueError(f"model: expected one of 6 systems, got {len(self.model.P_2)}")
         check_adaptation(self.beta_1, self.beta_2, self.period)
+        self.practice.check(self.arm.n, 6)
 
-    def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> Gains:
+    def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> AdaptiveState:
         """The initial gains, when there is a posture for every point of the path up to ``duration`` [s].
 
         That the arm can only follow by leaving its joint limits is told in the log.
 
         Raises
         ------
+        ValueError
+            The path's points at the start or the end are not finite (3,) vectors.
         UnreachableError
-            The arm has no posture within its limits for a point of the path.
+            The arm has no posture within its limits for a point of the path; looked at some four times a second.
         """
+        for t in (0.0, duration):
+            wanted = self.path(t)
+            for name in ("position", "velocity", "acceleration"):
+                x = np.asarray(getattr(wanted, name, None), dtype=float)
+                if x.shape != (3,) or not np.isfinite(x).all():
+                    raise ValueError(f"path: expected a finite (3,) {name} at t = {t:g} s, got {x!r}")
         if jumps := follow(self.arm, self.path, self.rotation, q, duration).jumps:
             logger.warning(
                 "%s follows this path only out of its joint limits, from t = %.3g s on", self.arm.name, jumps[0]
             )
-        return self.gains
+        return AdaptiveState(self.gains, v)
 
-    def update(self, t: float, q: np.ndarray, v: np.ndarray, state: Gains) -> tuple[np.ndarray, Gains, dict[str, Any]]:
-        """Torque (n,), adapted gains, and the log: errors, what was wanted, and the gains at work."""
+    def update(
+        self, t: float, q: np.ndarray, v: np.ndarray, state: AdaptiveState
+    ) -> tuple[np.ndarray, AdaptiveState, dict[str, Any]]:
+        """Torque (n,), the next state, and the log: errors, what was wanted, and the gains at work."""
         tool, J, wanted = self.arm.forward_kinematics(q), self.arm.jacobian(q), self.path(t)
+        v = filtered(state.velocity, v, self.period, self.practice)
+        other = self.arm.gravity_torque(q) if self.practice.gravity else np.zeros(self.arm.n)
+        if self.posture:
+            other = other + posture_torque(self.arm.mass_matrix(q), J, q, v, *self.posture.path(t), self.posture.omega)
         step = cartesian_adaptive(
             tool.translation,
             tool.rotation,
@@ -151,12 +179,15 @@ class CartesianAdaptive:
             wanted.position,
             self.rotation,
             np.concatenate([wanted.velocity, np.zeros(3)]),
-            state,
+            state.gains,
             self.model.P_2,
             self.model.P_3,
             self.beta_1,
             self.beta_2,
             self.period,
+            self.gains,
+            other,
+            self.practice,
         )
         log = {
             "error": step.error,
@@ -164,15 +195,11 @@ class CartesianAdaptive:
             "wanted_position": wanted.position,
             "wanted_velocity": wanted.velocity,
             "wanted_acceleration": wanted.acceleration,
-            "K_p": state.K_p,
-            "K_d": state.K_d,
+            "K_p": state.gains.K_p,
+            "K_d": state.gains.K_d,
+            "torque_share": step.share,
         }
-        torque = step.torque
-        if self.posture:
-            torque = torque + posture_torque(
-                self.arm.mass_matrix(q), J, q, v, *self.posture.path(t), self.posture.omega
-            )
-        return torque, step.gains, log
+        return step.torque, AdaptiveState(step.gains, v), log
 
 
 def gains_from_inertia(arm: Arm, q: np.ndarray, omega: float, damping: float = 1.0) -> Gains:
@@ -184,6 +211,8 @@ def gains_from_inertia(arm: Arm, q: np.ndarray, omega: float, damping: float = 1
         them, where the loop is fastest, counts most.
     omega : 1/s; stable with torques held for a period T only while omega T stays below 1 where damping is 1.
     """
+    if not 0 < omega < np.inf or not 0 <= damping < np.inf:
+        raise ValueError(f"omega, damping: expected a positive number in 1/s and one >= 0, got {omega!r}, {damping!r}")
     still = np.zeros(arm.n)
     mobility = [np.linalg.inv(arm.operational_space(one, still).Lambda) for one in np.atleast_2d(q)]
     Lambda = np.linalg.inv(np.mean(mobility, axis=0))

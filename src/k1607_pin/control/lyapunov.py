@@ -19,8 +19,8 @@ from k1607_pin.control.reference_model import ReferenceModel
 logger = logging.getLogger(__name__)
 
 NEEDED = (
-    "error", "error_rate", "K_p", "K_d", "wanted_velocity", "wanted_acceleration", "tool_position", "payload", "tau",
-    "Lambda", "Phi", "Gamma", "jacobian_bar", "bias_nullspace", "tool_rotation", "tool_velocity",
+    "error", "error_rate", "K_p", "K_d", "wanted_velocity", "wanted_acceleration", "tool_position", "payload_changes",
+    "tau", "passive_torque", "Lambda", "Phi", "Gamma", "jacobian_bar", "bias_nullspace", "tool_rotation", "tool_velocity",
 )  # fmt: skip
 
 
@@ -40,7 +40,8 @@ def lyapunov(run: xr.Dataset, model: ReferenceModel, beta_1: float, beta_2: floa
     ``v`` and its parts ``v_state``, ``v_gains``; and in m^2/s:
     ``v_rate``, the sum of ``claimed`` = -E^T Q E, all that (63) leaves; ``gains``, zero when K_p, K_d follow the law;
     ``driven`` by the wanted motion and gravity, which (57) keeps in part and (62) sets to zero; ``disturbance`` from the null
-    space, motors at their limits, and orientation errors that are not small; and ``slow_motion``, what (66)-(68) neglect.
+    space, motors at their limits, friction, stops, the world, and orientation errors that are not small; and ``slow_motion``,
+    what (66)-(68) neglect.
     ``v_rate_measured``: v's own forward difference. Dimensionless: ``premise_66``, ``premise_67``,
     |B' - Lambda^-1 K'| / |Lambda^-1 K'| for both gains (Frobenius); ``change_of_Lambda`` within a period over Lambda itself.
     ``premise_holds``: whether |slow_motion| < |claimed|. Samples next to a change of payload, where no rate exists, are NaN
@@ -76,7 +77,7 @@ def lyapunov(run: xr.Dataset, model: ReferenceModel, beta_1: float, beta_2: floa
     v = lyapunov_function(-z, B, model, Psi)
     rate = lyapunov_rate(-z, z, u, B, rates, model, Psi, held, Psi_rates, _disturbance(get))
     slow_motion = rate.variation + rate.weights
-    smooth = _smooth(get["payload"])
+    smooth = _smooth(get["payload_changes"])
     holds = smooth & (np.abs(slow_motion) < np.abs(rate.claimed))
     if not holds.all():
         logger.warning(
@@ -118,20 +119,20 @@ def _disturbance(get: dict[str, np.ndarray]) -> np.ndarray:
     """(N, 12) what z' has beyond (44).
 
     Upper half: the rate of 2 delta s is eta (w_d - w) + (w_d + w) x delta s; (43) takes w_d - w. Lower half: Lambda^-1 times the
-    null space's share of the force, and what the motors' torque lacks of the law's (limits).
+    null space's share of the force, and what the torque on the joints lacks of the law's: limits, friction, stops, the world.
     """
     w, s = get["tool_velocity"][:, 3:], get["error"][:, 3:] / 2  # the orientation is held: w_d = 0
     eta = np.sqrt(1 - (s * s).sum(axis=1, keepdims=True))
     turning = (1 - eta) * w + np.cross(w, s)
     law = _times(get["K_p"], get["error"]) + _times(get["K_d"], get["error_rate"])
-    applied = _times(get["jacobian_bar"].swapaxes(-1, -2), get["tau"])
+    applied = _times(get["jacobian_bar"].swapaxes(-1, -2), get["tau"] + get["passive_torque"])
     lower = np.linalg.solve(get["Lambda"], (get["bias_nullspace"] + law - applied)[..., None])[..., 0]
     return np.concatenate([np.zeros_like(turning), turning, lower], axis=1)
 
 
-def _smooth(payload: np.ndarray) -> np.ndarray:
+def _smooth(changes: np.ndarray) -> np.ndarray:
     """(N,) whether central differences at a sample see one payload only, and so does the period before and after it."""
-    same = np.diff(payload) == 0
+    same = np.diff(changes) == 0
     return np.append(True, same) & np.append(same, True)
 
 

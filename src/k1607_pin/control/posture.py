@@ -18,8 +18,11 @@ class Posture(NamedTuple):
 
 def hold(q: np.ndarray, omega: float) -> Posture:
     """One posture (n,) rad, at omega [1/s]."""
-    wanted = np.array(q, dtype=float), np.zeros(len(q))
-    return Posture(lambda t: wanted, omega)
+    q = np.array(q, dtype=float)
+    if q.ndim != 1 or not np.isfinite(q).all():
+        raise ValueError(f"q: expected (n,) finite numbers in rad, got {q!r}")
+    wanted = q, np.zeros(len(q))
+    return Posture(lambda t: wanted, _positive(omega))
 
 
 def along(times: np.ndarray, postures: np.ndarray, omega: float) -> Posture:
@@ -32,7 +35,16 @@ def along(times: np.ndarray, postures: np.ndarray, omega: float) -> Posture:
         inside = min(max(t, first), last)
         return spline(inside), rate(inside)
 
-    return Posture(path, omega)
+    return Posture(path, _positive(omega))
+
+
+def _positive(omega: float) -> float:
+    if not 0 < omega < np.inf:
+        raise ValueError(f"omega: expected a positive number in 1/s, got {omega!r}")
+    return omega
+
+
+LEAST = 1e-9  # of the mean of J M^-1 J^T's eigenvalues: added to all, so that a singular posture has an answer too
 
 
 def posture_torque(M: Any, J: Any, q: Any, v: Any, q_wanted: Any, v_wanted: Any, omega: Any) -> Any:
@@ -47,5 +59,7 @@ def posture_torque(M: Any, J: Any, q: Any, v: Any, q_wanted: Any, v_wanted: Any,
     """
     wish = omega * omega * (q_wanted - q) + 2 * omega * (v_wanted - v)  # (n,) rad/s^2
     M_inverse_JT = np.linalg.solve(M, J.T)  # (n, 6)
-    force = np.linalg.solve(J @ M_inverse_JT, J @ wish)  # (6,) N, J_bar^T M wish
+    mobility = J @ M_inverse_JT
+    mobility = mobility + LEAST * np.trace(mobility) / J.shape[0] * np.eye(J.shape[0])
+    force = np.linalg.solve(mobility, J @ wish)  # (6,) N, J_bar^T M wish
     return M @ wish - J.T @ force

@@ -19,6 +19,9 @@ class SingularJacobianError(ValueError):
             "pass damping=Damping(...) to go through a singularity at the price of tracking error"
         )
 
+    def __reduce__(self) -> tuple[type, tuple[float, float]]:
+        return type(self), (self.sigma_min, self.threshold)
+
 
 @dataclass(frozen=True)
 class Damping:

@@ -45,9 +45,10 @@ def run_cases(progress: Callable[[str], None]) -> Runs:
     return runs
 
 
-def draw(runs: Runs, progress: Callable[[str], None]) -> dict[str, Figure]:
-    """File name -> figure."""
+def draw(runs: Runs, progress: Callable[[str], None]) -> tuple[dict[str, Figure], dict[int, tuple[float, float]]]:
+    """File name -> figure; and case -> share of samples at which slow motion, (66)-(68), holds, and when it first fails, s."""
     figures: dict[str, Figure] = {}
+    premise: dict[int, tuple[float, float]] = {}
     for number, name in CASES.items():
         study, run = runs[number, "report"]
         first = 15 if number == 1 else 19
@@ -71,4 +72,4 @@ def draw(runs: Runs, progress: Callable[[str], None]) -> dict[str, Figure]:
     arm = load_k1607(gravity=(0.0, 0.0, 0.0))
     result = stability_map(arm, np.deg2rad(POSTURE_DEG), section_7_2(), PERIODS, OMEGAS, BETAS)
     figures["stability-map"] = figure_stability(result)
-    return figures
+    return figures, premise

@@ -158,7 +158,7 @@ def _recommended(number: int, arm: Any, q0: Any, payload: Any, gravity: Any, per
         q0 = _posture_at(arm, path(0.0).position, rotation, np.deg2rad(choice[f"case{number}_deg"]))
         way = follow(arm, path, rotation, q0, duration)
     else:
-        arm = arm or load_k1607()
+        arm = arm or load_k1607(gravity=(0.0, 0.0, 0.0 - (choice["gravity_m_s2"] if gravity is None else gravity)))
         q0, rotation, path, duration, way = _somewhere(number, arm, q0, choice["line_duration_s"])
         if payload is None:
             mass *= _mass(arm) / _mass(load_k1607())

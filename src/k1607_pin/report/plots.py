@@ -83,9 +83,10 @@ def gains(run: xr.Dataset, title: str = "") -> Figure:
         _shade(axes, run)
         diagonal = np.diagonal(run[name].values, axis1=1, axis2=2)
         for k, (direction, colour) in enumerate(zip(("x", "y", "z"), COLOURS.values(), strict=True)):
-            axes.plot(run.time, diagonal[:, k] / diagonal[0, k], color=colour, lw=1.4, label=f"along {direction}")
+            start = np.where(diagonal[0] == 0, 1.0, diagonal[0])  # from zero: as they are
+            axes.plot(run.time, diagonal[:, k] / start[k], color=colour, lw=1.4, label=f"along {direction}")
             axes.plot(
-                run.time, diagonal[:, k + 3] / diagonal[0, k + 3], ":", color=colour, lw=1.4, label=f"about {direction}"
+                run.time, diagonal[:, k + 3] / start[k + 3], ":", color=colour, lw=1.4, label=f"about {direction}"
             )
         axes.set_ylabel(f"${name}(t) / {name}(0)$")
         axes.ticklabel_format(useOffset=False)
@@ -156,7 +157,7 @@ def lyapunov_rate(analysis: xr.Dataset, title: str = "") -> Figure:
         "claimed": (RED, "-", "$E^T Q E$, all that (63) leaves"),
         "slow_motion": (GREEN, "--", "neglected: slow motion, (66)-(68)"),
         "driven": ("#7a5195", ":", "neglected: wanted motion, gravity"),
-        "disturbance": (GREY, ":", "null space, limits"),
+        "disturbance": (GREY, ":", "null space, friction, limits"),
     }
     for name, (colour, style, label) in lines.items():
         size = np.abs(analysis[name].values)

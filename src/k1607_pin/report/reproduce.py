@@ -18,8 +18,12 @@ from k1607_pin.report.published import Comparison
 from k1607_pin.report.runs import write_figure
 
 
-def reproduce(out: Path, progress: Callable[[str], None] = lambda step: None) -> list[Comparison]:
-    """Write ``results.json``, every figure as PNG and SVG, and ``index.html`` to ``out``; return the comparisons.
+def reproduce(
+    out: Path, progress: Callable[[str], None] = lambda step: None
+) -> tuple[list[Comparison], list[Comparison]]:
+    """Write ``results.json``, ``aims.json``, every figure as PNG and SVG, and ``index.html`` to ``out``.
+
+    Returns the comparisons of the two JSON files: with what the report publishes, and with what we aim at at 1 kHz.
 
     Each file appears whole or not at all; what an interrupted run has written stays.
     ``progress`` is told each step before it starts.
@@ -40,16 +44,20 @@ def reproduce(out: Path, progress: Callable[[str], None] = lambda step: None) ->
         progress(name)
         write_figure(out / name, draw(trajectory))
     progress("figures of the cases")
-    of_cases = case_figures.draw(runs, progress)
+    of_cases, premise = case_figures.draw(runs, progress)
     for name, figure in of_cases.items():
         write_figure(out / name, figure)
     progress("equations and page")
-    write_atomically(out / "index.html", _page(trajectory, results, aims, list(of_cases)))
-    return results + aims
+    write_atomically(out / "index.html", _page(trajectory, results, aims, list(of_cases), premise))
+    return results, aims
 
 
 def _page(
-    trajectory: studies.TestTrajectory, results: list[Comparison], aims: list[Comparison], case_figures: list[str]
+    trajectory: studies.TestTrajectory,
+    results: list[Comparison],
+    aims: list[Comparison],
+    case_figures: list[str],
+    premise: dict[int, tuple[float, float]],
 ) -> str:
     facts = data.load("published")
     rng = np.random.default_rng(0)
@@ -67,6 +75,7 @@ def _page(
         assumptions=list(data.facts("study_cases")),
         figures=list(FIGURES),
         case_figures=case_figures,
+        premise=premise,
         readings=studies.delta_beta_readings(trajectory),
         allowed=published.allowed_by_figure_6(facts["part1"]["wx_max_error_mrad_s"]["100ms"]),
         needed=facts["part3"]["delta_beta_max_error_milli"]["100ms"] * 1e-3 * 4 / published.PERIODS["100ms"] ** 2,

@@ -66,7 +66,7 @@ def table() -> dict[str, np.ndarray]:
 
 
 def rests_on(rows: dict[str, np.ndarray], move: float = 0.1) -> list[str]:
-    """(16,) the assumptions that move each number by more than ``move`` of itself, strongest first; lost runs do not count."""
+    """(16,) the assumptions that move each number by more than ``move`` of itself, strongest first, and what loses the run."""
     base, moves = rows["as chosen"], {}
     for name in CHANGED:
         changes = [np.abs(np.log(rows[f"{name} {s}"] / base)) for s in "-+" if f"{name} {s}" in rows]
@@ -74,7 +74,8 @@ def rests_on(rows: dict[str, np.ndarray], move: float = 0.1) -> list[str]:
     out = []
     for k in range(len(base)):
         strong = sorted((name for name in moves if moves[name][k] > move), key=lambda name: -moves[name][k])
-        out.append(", ".join(strong) if strong else "none by itself")
+        lost = [name for name, row in rows.items() if np.isnan(row[k])]
+        out.append((", ".join(strong) or "none by itself") + (f"; lost with {', '.join(lost)}" if lost else ""))
     return out
 
 

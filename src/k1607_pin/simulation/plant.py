@@ -23,7 +23,8 @@ class Plant:
     viscous: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n,) N m s: viscous friction; empty for none."""
     coulomb: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(n,) N m: Coulomb friction; empty for none."""
+    """(n,) N m: Coulomb friction; empty for none. At rest it chatters by coulomb dt / 2 M unless the step dt is well below
+    REST M / coulomb."""
     torque_limit: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n,) N m: largest torque of each motor; empty for none."""
     stop_stiffness: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -66,12 +67,16 @@ class Plant:
         """(n,) N m: the stops' elastic part, towards the range."""
         return -self.stop_stiffness * self._beyond(q)
 
+    def passive_torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(n,) N m that friction and stops add to the motors'."""
+        torque = -self.loss_torque(q, v)
+        return torque + self.spring_torque(q) if self._has_stops else torque
+
     def acceleration(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, external: np.ndarray | float = 0.0
     ) -> np.ndarray:
         """(n,) rad/s^2 at q, v (n,) when the motors are asked for tau (n,) and the world adds ``external`` (n,) N m."""
-        torque = self.motor_torque(tau) - self.loss_torque(q, v) + external
-        return self.arm.forward_dynamics(q, v, torque + self.spring_torque(q) if self._has_stops else torque)
+        return self.arm.forward_dynamics(q, v, self.motor_torque(tau) + self.passive_torque(q, v) + external)
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """J: kinetic (rotors included), potential, and that of the stops' springs."""

@@ -53,6 +53,18 @@ class PayloadSchedule:
         for change in self._changes:
             if change.time > t:
                 break
-            share = 1.0 if change.ramp == 0 else min(1.0, (t - change.time) / change.ramp)
-            carried = blend(carried, change.payload, share)
+            carried = blend(carried, change.payload, self._share(change, t))
         return carried
+
+    def gripped(self, before: float, now: float) -> Payload:
+        """What came into the hand between two times [s], whatever left it meanwhile: of the latest change by ``now`` the share
+        that was not yet there."""
+        begun = [change for change in self._changes if change.time <= now]
+        if not begun:
+            return NOTHING
+        there = self._share(begun[-1], before) if begun[-1].time <= before else 0.0
+        return blend(NOTHING, begun[-1].payload, self._share(begun[-1], now) - there)
+
+    @staticmethod
+    def _share(change: PayloadChange, t: float) -> float:
+        return 1.0 if change.ramp == 0 else min(1.0, (t - change.time) / change.ramp)

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.payload import velocity_after_pickup, with_payload
+from k1607_pin.arm.payload import velocity_after_gripping, with_payload
 from k1607_pin.arm.wrench import Wrench, wrench_torque
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
@@ -44,14 +44,19 @@ RUNAWAY = 1e4  # rad/s (m/s): no arm moves like that; well before the numbers ov
 
 
 class SimulationError(RuntimeError):
-    """A rollout that ran away."""
+    """A rollout that ran away: the time [s] and state of the last good physics step, and the log until then."""
 
-    def __init__(self, time: float, q: np.ndarray, v: np.ndarray, log: xr.Dataset) -> None:
-        self.time, self.q, self.v, self.log = time, q, v, log
+    def __init__(
+        self, time: float, q: np.ndarray, v: np.ndarray, log: xr.Dataset, what: str = "the state has run away"
+    ) -> None:
+        self.time, self.q, self.v, self.log, self._what = time, q, v, log, what
         super().__init__(
-            f"the state has run away after t = {time:.4g} s; the last good one is q = {np.round(q, 4).tolist()}, "
+            f"{what} after t = {time:.4g} s; the last good one is q = {np.round(q, 4).tolist()}, "
             f"v = {np.round(v, 4).tolist()}; .log holds {log.sizes['time']} samples"
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.time, self.q, self.v, self.log, self._what)
 
 
 def simulate(
@@ -79,26 +84,29 @@ def simulate(
     step : `semi_implicit_euler` or `runge_kutta_4`.
     payloads : (time [s], payload) or (time, payload, ramp [s]), see `PayloadChange`: carried from that time on, or growing
         until ramp later; `Payload(0.0)` for none. Taken up at the nearest control sample.
-    from_rest : whether a payload that is picked up was at rest, so that the arm gives it momentum; else it moved along.
-    external : what the world does to the arm, a `Wrench` with its frame, as a function of time, q and v; the time is that of the
-        physics step's beginning.
-    observe : logs what it finds at every control sample of the arm with its payload, `observe_operational_space` say.
+    from_rest : whether a payload that is picked up was at rest, so that the arm gives it momentum; else it moved along. One
+        payload after another: the first is let go, the second gripped.
+    external : what the world does to the arm, a `Wrench` with its frame, as a function of time, q and v; the time is held at
+        the physics step's beginning, so that of a force that changes in time any integrator is of first order.
+    observe : logs what it finds at every control sample of the arm with its payload, `ObserveOperationalSpace` say.
     progress : told the share done, 0 to 1, now and then.
 
     Returns
     -------
     Dataset over ``time`` (s, control samples 0 to duration): ``q``, ``v``, ``tau`` (time, joint), the torque held from that time
-    on; ``tool_position`` (time, axis) m; ``payload`` kg; and in J ``energy``, ``work`` done by the motors, ``external_work``,
-    ``dissipated`` by friction and stops, ``payload_energy`` brought or taken by payloads, and ``energy_residual`` = energy -
-    energy at 0 - work - external_work + dissipated - payload_energy: what the integrator made or lost. And what controller and
-    observer log, dimensions named after it where they do not say otherwise.
+    on; ``passive_torque`` (time, joint), what friction, stops and the world add to it at the sample; ``tool_position`` (time,
+    axis) m; ``payload`` kg, ``payload_changes`` how often it has changed; and in J ``energy``, ``work`` done by the motors,
+    ``external_work``, ``dissipated`` by friction and stops, ``payload_energy`` brought or taken by payloads, and
+    ``energy_residual`` = energy - energy at 0 - work - external_work + dissipated - payload_energy: what the integrator made or
+    lost. And what controller and observer log, dimensions named after it where they do not say otherwise. Of a prismatic joint
+    read m for rad and N for N m.
 
     Raises
     ------
     ValueError
         Wrong shapes, the controller's torque included; non-finite or out-of-order times; periods that do not fit.
     SimulationError
-        A joint is faster than `RUNAWAY`, or the state or the torque is no longer finite; it carries the log so far.
+        A joint is faster than `RUNAWAY`, or the controller's torque is not finite; it carries the log so far.
     """
     plant = Plant(plant) if isinstance(plant, Arm) else plant
     bare = plant.arm
@@ -113,7 +121,7 @@ def simulate(
     variables = VARIABLES | dict(getattr(controller, "variables", {})) | dict(getattr(observe, "variables", {}))
     state = controller.start(q, v, duration)
     carried = NOTHING
-    work = from_outside = dissipated = brought = 0.0
+    changes, work, from_outside, dissipated, brought = 0, 0.0, 0.0, 0.0, 0.0
     records: list[dict[str, Any]] = []
     start_energy = plant.energy(q, v)
     for k in range(samples + 1):
@@ -122,23 +130,34 @@ def simulate(
         if payload is not carried:
             loaded = plant.carrying(with_payload(bare, payload))
             before = plant.energy(q, v)
-            if from_rest and payload.mass > carried.mass:
-                v = velocity_after_pickup(plant.arm, loaded.arm, q, v)
+            gripped = schedule.gripped(t - control_period / 2, t + control_period / 2)
+            if from_rest and gripped.mass > 0:
+                v = velocity_after_gripping(bare, loaded.arm, gripped, q, v)
+            changes += payload.mass > 0 or carried.mass > 0
             plant, carried = loaded, payload
             brought += plant.energy(q, v) - before
-        tau, state, log = controller.update(t, q, v, state)
-        tau = np.asarray(tau, dtype=float)
-        if tau.shape != (bare.n,):
-            raise ValueError(f"controller: expected a torque of shape ({bare.n},), got {tau.shape}")
-        tau = plant.motor_torque(tau)
+        try:
+            asked, state, log = controller.update(t, q, v, state)
+            log = {**log, **(observe(plant.arm, q, v) if observe else {})}
+        except Exception as error:
+            error.add_note(f"in simulate, at t = {t:.6g} s, q = {q.tolist()}, v = {v.tolist()}")
+            raise
+        asked = np.asarray(asked, dtype=float)
+        if asked.shape != (bare.n,):
+            raise ValueError(f"controller: expected a torque of shape ({bare.n},), got {asked.shape}")
+        _require_names(log, records)
+        tau = plant.motor_torque(asked)
         energy = plant.energy(q, v)
+        push = _push(plant.arm, external, t)
         records.append(
             {
                 "q": q,
                 "v": v,
                 "tau": tau,
+                "passive_torque": plant.passive_torque(q, v) + (push(q, v) if push else 0.0),
                 "tool_position": bare.forward_kinematics(q).translation,
                 "payload": carried.mass,
+                "payload_changes": changes,
                 "energy": energy,
                 "work": work,
                 "external_work": from_outside,
@@ -146,20 +165,21 @@ def simulate(
                 "payload_energy": brought,
                 "energy_residual": energy - start_energy - work - from_outside + dissipated - brought,
                 **log,
-                **(observe(plant.arm, q, v) if observe else {}),
             }
         )
-        if progress and k % max(1, samples // 100) == 0:
-            progress(k / max(1, samples))
+        if not np.isfinite(asked).all():
+            what = "the controller asks for a torque that is not finite"
+            raise SimulationError(t, q, v, _dataset(records, control_period, bare, variables), what)
+        if progress and (k % max(1, samples // 100) == 0 or k == samples):
+            progress(k / samples)
         if k == samples:
             break
-        if not np.isfinite(tau).all():
-            raise SimulationError(t, q, v, _dataset(records, control_period, bare, variables))
         for i in range(substeps):
             push = _push(plant.arm, external, t + i * physics_step)
             q_next, v_next = _step(plant, step, q, v, tau, push, physics_step)
             if not np.abs(v_next).max() < RUNAWAY:  # NaN included; a finite v gives a finite q
-                raise SimulationError(t, q, v, _dataset(records, control_period, bare, variables))
+                log_so_far = _dataset(records, control_period, bare, variables)
+                raise SimulationError(t + i * physics_step, q, v, log_so_far)
             moved = q_next - q
             work += float(tau @ moved)  # exact: the torque is held
             dissipated += float((plant.loss_torque(q, v) + plant.loss_torque(q_next, v_next)) / 2 @ moved)
@@ -167,6 +187,14 @@ def simulate(
                 from_outside += float((push(q, v) + push(q_next, v_next)) / 2 @ moved)
             q, v = q_next, v_next
     return _dataset(records, control_period, bare, variables)
+
+
+def _require_names(log: Mapping[str, Any], records: list[dict[str, Any]]) -> None:
+    """Refuse a log that would hide simulate's own variables, or that names others than the tick before."""
+    if clash := sorted(set(log) & set(VARIABLES)):
+        raise ValueError(f"log: expected other names than simulate's own, got {', '.join(clash)}")
+    if records and (changed := sorted(set(records[-1]) ^ (set(log) | set(VARIABLES)))):
+        raise ValueError(f"log: expected the same names at every tick, got a change of {', '.join(changed)}")
 
 
 Push = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -218,8 +246,10 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str]] = {
     "q": (("joint",), "rad"),
     "v": (("joint",), "rad/s"),
     "tau": (("joint",), "N m"),
+    "passive_torque": (("joint",), "N m"),
     "tool_position": (("axis",), "m"),
     "payload": ((), "kg"),
+    "payload_changes": ((), ""),
     "energy": ((), "J"),
     "work": ((), "J"),
     "external_work": ((), "J"),
