@@ -167,3 +167,10 @@ def test_what_a_number_rests_on_is_read_off_the_rows():
     text = rests_on(rows)
     assert text[0] == "friction, K_p; lost with armature -"
     assert text[1] == "none by itself; lost with armature -"
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01])
+def test_recommended_settings_follow_the_control_period(period):
+    run = replace(study_case(1, "recommended", control_period=period), duration=1.5).run()
+    # sag under gravity: g / omega^2, with omega T = 0.35
+    assert 0.5 < np.abs(run.error.values[20:, 2]).max() / (9.81 * (period / 0.35) ** 2) < 2

@@ -162,14 +162,17 @@ def _recommended(number: int, arm: Any, q0: Any, payload: Any, gravity: Any, per
         q0, rotation, path, duration, way = _somewhere(number, arm, q0, choice["line_duration_s"])
         if payload is None:
             mass *= _mass(arm) / _mass(load_k1607())
-    omega, T = choice["omega"], choice["control_period_s"] if period is None else period
+    T = choice["control_period_s"] if period is None else period
+    omega = choice["omega_T"] / T
     _require_whole(duration, T)
     six = np.ones(6)
     # Delta as the initial gains make the error behave; Q so that P_2 = I and P_3 = I / omega: both errors weigh alike at omega
     model = reference_model(omega**2 * six, 2 * omega * six, np.diag([2 * omega**2] * 6 + [2.0] * 6))
     gains = gains_from_inertia(arm, way.postures, omega)
     lightest = np.linalg.eigvalsh(gains.K_p)[0]  # one beta serves all directions: the softest bears least
-    beta_1, beta_2 = choice["beta_1_share"] * lightest, choice["beta_2_share"] * lightest
+    # errors are as 1 / omega^2, their rates as 1 / omega: so much must beta grow for the gains to move by the same share
+    faster = omega * choice["control_period_s"] / choice["omega_T"]
+    beta_1, beta_2 = choice["beta_1_share"] * faster**4 * lightest, choice["beta_2_share"] * faster**2 * lightest
     law = CartesianAdaptive(
         arm,
         path,
