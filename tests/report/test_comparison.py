@@ -1,0 +1,149 @@
+"""The comparison: what it says of a run is so, nothing is lost when it is interrupted, and who wins where."""
+
+import numpy as np
+import pytest
+
+import k1607_pin as k1607
+from k1607_pin.control.baselines import parameters
+from k1607_pin.paths.inverse_path import joint_path
+from k1607_pin.report.cases import study_case
+from k1607_pin.report.comparison import (
+    LAWS,
+    TROUBLES,
+    Noisy,
+    Row,
+    Trouble,
+    compare,
+    figure_comparison,
+    gain_drift,
+    loaded,
+    saved,
+    setting,
+    table,
+    with_masses,
+)
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """10 ms, the line: every law, a right model and one too light by 30 %."""
+    shares = []
+    out = list(compare(cases=[1], periods=[0.01], troubles=TROUBLES[:2], duration=1.5, progress=shares.append))
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert len(shares) == len(out)
+    return out
+
+
+def rms(rows, law, gravity=9.81, trouble="payload"):
+    (row,) = (row for row in rows if (row.law, row.gravity, row.trouble) == (law, gravity, trouble))
+    return row.rms
+
+
+def test_nothing_is_lost_at_a_gain_that_theory_calls_stable(rows):
+    assert all(np.isfinite(row.rms) for row in rows)
+    assert {row.law for row in rows} == set(LAWS)
+
+
+def test_without_gravity_s_torque_the_adaptive_schemes_lose_in_full_gravity(rows):
+    for law in ("Cartesian adaptive", "joint adaptive"):
+        assert rms(rows, law) > 4 * rms(rows, "PD + g")
+
+
+def test_slotine_li_wins_under_payload_and_wrong_masses(rows):
+    for trouble in ("payload", "model -30 %"):
+        others = [law for law in LAWS if law != "Slotine-Li"]
+        assert rms(rows, "Slotine-Li", trouble=trouble) < 0.8 * min(rms(rows, law, trouble=trouble) for law in others)
+
+
+def test_weightless_the_model_s_acceleration_term_wins_over_pd(rows):
+    for law in ("computed torque", "operational space"):
+        assert rms(rows, law, 0.0) < 0.2 * min(
+            rms(rows, x, 0.0) for x in ("PD + g", "joint adaptive", "Cartesian adaptive")
+        )
+
+
+def test_adaptation_earns_little_at_this_bandwidth(rows):
+    fixed, adaptive = (rms(rows, law) for law in ("Cartesian, gains fixed", "Cartesian adaptive"))
+    assert 0.9 * fixed < adaptive < fixed
+
+
+def test_rows_survive_an_interruption(tmp_path):
+    file = tmp_path / "rows.csv"
+    some = saved(compare({"PD + g": LAWS["PD + g"]}, [1], [0.01], duration=0.3), file)
+    first, second = next(some), next(some)
+    some.close()
+    assert loaded(file) == [first, second]
+
+
+def test_a_lost_loop_is_told_as_such():
+    (row,) = compare({"PD + g": LAWS["PD + g"]}, [1], [0.01], [9.81], TROUBLES[:1], duration=1.5, omega_T=8.0)
+    assert row.rms == np.inf
+    assert "lost" in table([row])
+    assert figure_comparison([row]).axes
+
+
+def test_torques_that_rattle_between_their_limits_are_marked():
+    """Beyond omega T = 1 torque limits keep the tool near its path, and the motors at their ends."""
+    (row,) = compare({"PD + g": LAWS["PD + g"]}, [1], [0.01], [9.81], TROUBLES[:1], duration=0.6, omega_T=1.5)
+    assert np.isfinite(row.rms)
+    assert row.chatter > 1
+    assert "†" in table([row])
+
+
+def test_table_and_figure(rows):
+    text = table(rows)
+    assert len(text.splitlines()) == 2 + 4  # two gravities, two troubles
+    assert all("**" in line for line in text.splitlines()[2:])  # a best in every line
+    assert len(figure_comparison(rows).axes) == 2
+    two = [Row("a", 1, 0.01, 9.81, "t", 1e-3, 0, 0, 0), Row("b", 1, 0.01, 9.81, "t", 2e-3, 0, 0, 0)]
+    assert table(two).splitlines()[2:] == ["| line, 10 ms, 1 g, t | **1** | 2 |"]
+
+
+def test_masses_are_scaled_and_rotors_are_not(reference):
+    light, q = with_masses(reference, 0.7), np.full(7, 0.3)
+    assert parameters(light) == pytest.approx(0.7 * parameters(reference))
+    assert light.gravity_torque(q) == pytest.approx(0.7 * reference.gravity_torque(q))
+    rotors = np.diag(reference.armature)
+    assert light.mass_matrix(q) - rotors == pytest.approx(0.7 * (reference.mass_matrix(q) - rotors))
+    with pytest.raises(ValueError, match="factor"):
+        with_masses(reference, 0.0)
+
+
+def test_noise_is_what_it_says_and_the_same_again(reference):
+    class Eyes:
+        def start(self, q, v, duration):
+            return None
+
+        def update(self, t, q, v, state):
+            return np.zeros(7), None, {"saw": np.concatenate([q, v])}
+
+    zero = np.zeros(7)
+    logs = []
+    for _ in range(2):
+        law = Noisy(Eyes(), 0.001, (1e-3, 1e-1), seed=4)
+        state = law.start(zero, zero, 2.0)
+        seen = []
+        for k in range(2001):
+            _, state, log = law.update(k * 0.001, zero, zero, state)
+            seen.append(log["saw"])
+        logs.append(np.array(seen))
+    assert (logs[0] == logs[1]).all()
+    assert logs[0][:, :7].std() == pytest.approx(1e-3, rel=0.03)
+    assert logs[0][:, 7:].std() == pytest.approx(1e-1, rel=0.03)
+
+
+def test_every_law_is_told_the_same_wrong_model():
+    case = study_case(1, "recommended")
+    path = joint_path(case.plant.arm, case.law.path, case.q0, 0.3, case.law.rotation)
+    s = setting(case, path, 0.01, model=Trouble("x", 1.3).model)
+    q = case.q0
+    assert s.arm.gravity_torque(q) == pytest.approx(1.3 * case.plant.arm.gravity_torque(q))
+    assert all(make(s).arm is s.arm for make in LAWS.values())
+
+
+def test_gain_drift_starts_at_one_and_marks_a_lost_loop():
+    arm, q = k1607.load_example("ur5"), np.array([0.3, -1.2, 1.4, -0.9, -1.2, 0.2])
+    result = gain_drift(arm, q, duration=2.0, omega_T=1.5)  # unstable without any drift
+    assert (result.K_d.isel(time=0) == 1).all()
+    assert np.isnan(result.K_d.isel(time=-1)).all()
