@@ -1,0 +1,279 @@
+"""The hybrid scheme on arms that press against a compliant wall, 1 kHz: contact, sliding, changing stiffness, switches.
+
+Initial gains, rates and practice are ours; the report publishes none.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import root
+from scipy.spatial.transform import Rotation
+
+import k1607_pin as k1607
+from k1607_pin.arm.ready import ready_postures
+from k1607_pin.control.hybrid import HybridAdaptive, Mode, hybrid_gains
+from k1607_pin.control.posture import hold
+from k1607_pin.control.practice import Practice
+from k1607_pin.control.reference_model import reference_model
+from k1607_pin.simulation.wall import Wall
+
+K1607_POSTURE = np.deg2rad([-20, 30, 20, 100, -30, 60, 10])
+PUSH = (1, 0, 0, 0, 0, 0)
+PERIOD = 0.001
+
+
+class Target(NamedTuple):
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+class Slide:
+    """Along a direction (3,) at a speed [m/s] that is reached within 0.2 s, without a jump."""
+
+    def __init__(self, start, direction, speed):
+        self.start, self.direction, self.speed = start, direction, speed
+
+    def __call__(self, t):
+        share = min(t / 0.2, 1.0)
+        way = self.speed * (0.1 * share**2 + max(t - 0.2, 0.0))
+        return Target(self.start + way * self.direction, self.speed * share * self.direction)
+
+
+class Setup(NamedTuple):
+    law: HybridAdaptive
+    wall: Wall
+    q0: np.ndarray
+
+    def run(self, duration, **options):
+        options = {"physics_step": 0.0005, "external": self.wall.external(self.law.arm)} | options
+        return k1607.simulate(self.law.arm, self.law, self.q0, duration, control_period=PERIOD, **options)
+
+
+def setup(
+    arm, q0, stiffness, assumed=1e5, push=20.0, gap=0.005, friction=0.0, damping=0.0, speed=0.0, normal=(-1.0, 0, 0),
+    omega=60.0, force_omega=200.0, adapting=True, dead_zone=0.0, modes=None,
+):  # fmt: skip
+    """The tool ``gap`` m off a wall that it is to push on, compliance axis x into the wall, y along the slide."""
+    tool, n = arm.forward_kinematics(q0), np.array(normal) / np.linalg.norm(normal)
+    C = np.column_stack([-n, *np.linalg.svd(n[None])[2][1:]])
+    C[:, 2] *= np.sign(np.linalg.det(C))
+    wall = Wall(tool.translation - gap * n, n, stiffness, damping, friction)
+    K = np.array([assumed] * 3 + [assumed / 100] * 3)
+    gains, force_gains = hybrid_gains(arm, q0, K, omega, force_omega, 1.0, 0.7, C, PUSH)
+    target = reference_model(2 * np.ones(6), 3 * np.ones(6))
+    W = force_omega
+    force_target = reference_model(np.full(6, W**2), np.full(6, 2 * W), np.diag([W**2] * 6 + [0.2] * 6))
+    beta = np.array([1e5, 1e5, 1e-5, 1e-10]) * adapting
+    # The bound is one for a matrix that mixes N/m and N m/rad: 2 % of its norm is several times the wrist's own gains.
+    law = HybridAdaptive(
+        arm, Slide(tool.translation, C[:, 1], speed), tool.rotation, modes or Mode(PUSH, (push, 0, 0, 0, 0, 0)),
+        wall.sensor(arm), K, gains, force_gains, target, force_target, *beta, PERIOD, C,
+        posture=hold(q0, 10.0), practice=Practice(gravity=True, gain_bound=0.02, dead_zone=0.1 if dead_zone else 0.0),
+        force_practice=Practice(gain_bound=0.8, dead_zone=dead_zone),
+    )  # fmt: skip
+    return Setup(law, wall, q0)
+
+
+@cache
+def k1607_arm():
+    return k1607.load_k1607()
+
+
+def settled_after(log, since, wanted, share=0.02):
+    """s from ``since`` on until the force stays within ``share`` of what is wanted."""
+    off = log.time.values[np.abs(log.force.values[:, 0] - wanted) > share * wanted]
+    return float(off[-1]) - since
+
+
+def first_touch(log):
+    return float(log.time.values[np.argmax(log.force.values[:, 0] > 0)])
+
+
+def drift(log):
+    """m, rad: largest error of what is position-controlled."""
+    return np.abs(log.error.values[:, 1:3]).max(), np.abs(log.error.values[:, 3:]).max()
+
+
+@pytest.mark.parametrize(("stiffness", "settling"), [(1e3, 1.6), (1e4, 0.3), (1e5, 0.06)])
+def test_approach_contact_and_pressing_at_any_stiffness_with_one_set_of_gains(stiffness, settling):
+    log = setup(k1607_arm(), K1607_POSTURE, stiffness).run(2.5)
+    touch = first_touch(log)
+    assert 0.1 < touch < 0.3
+    force = log.force.values[:, 0]
+    assert settled_after(log, touch, 20.0) < settling
+    assert force.max() < 1.08 * 20
+    assert abs(force[-1] - 20) < (5e-2 if stiffness == 1e3 else 1e-6)
+    assert (force[log.time.values > touch] > 0).all()  # no bouncing
+    position, orientation = drift(log)
+    assert position < 0.2e-3
+    assert orientation < 0.4e-3
+
+
+def test_adaptation_speeds_up_a_soft_contact():
+    fixed, adaptive = (setup(k1607_arm(), K1607_POSTURE, 1e3, adapting=a).run(2.5) for a in (False, True))
+    after = 1.5
+    wrong = [20 - float(log.force.sel(time=after, method="nearest")[0]) for log in (fixed, adaptive)]
+    assert 0 < wrong[1] < 0.5 * wrong[0]
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e5])
+def test_slides_along_the_wall_while_pressing(stiffness):
+    log = setup(k1607_arm(), K1607_POSTURE, stiffness, friction=0.3, speed=0.03, normal=(-1, 0.3, 0.2)).run(2.5)
+    late = log.sel(time=slice(2.2, None))
+    assert np.abs(late.force_error.values[:, 0]).max() < (0.1 if stiffness == 1e3 else 0.02)
+    assert late.force.values[:, 1] == pytest.approx(0.3 * late.force.values[:, 0], rel=1e-3)  # the wall rubs backwards
+    moved = np.linalg.norm(late.tool_position.values[-1] - late.tool_position.values[0])
+    assert moved == pytest.approx(0.03 * 0.3, rel=0.01)
+    position, orientation = drift(log)
+    assert position < 0.3e-3
+    assert orientation < 0.5e-3
+
+
+def test_stiffness_that_steps_a_hundredfold_up_and_down():
+    """Pressed in by 17 mm, the wall turns a hundred times harder: 1.8 kN in an instant, thrown off, and back."""
+    log = setup(k1607_arm(), K1607_POSTURE, [(0, 1e3), (1, 1e5), (1.6, 1e3)]).run(3.5, physics_step=0.00025)
+    force = log.force.values[:, 0]
+    depth = force[999] / 1e3
+    assert force.max() == pytest.approx(1e5 * depth, rel=0.02)
+    off = (force == 0) & (log.time.values > 1)
+    assert 0 < off.sum() * PERIOD < 0.25
+    before_second = log.sel(time=slice(1, 1.599))
+    assert settled_after(before_second, 1.0, 20.0) < 0.4
+    assert 20 - force[-1] < 0.1 * 20
+    position, orientation = drift(log)
+    assert position < 15e-3
+    assert orientation < 30e-3
+
+
+def test_stiffness_that_ramps_a_hundredfold():
+    log = setup(k1607_arm(), K1607_POSTURE, [(0, 1e3), (0.8, 1e5, 0.5)], friction=0.2, speed=0.03).run(
+        2.0, physics_step=0.00025
+    )
+    force = log.force.values[:, 0]
+    assert force.max() < 110
+    assert (force[log.time.values > 0.8] > 0).all()
+    assert np.abs(force[log.time.values > 1.5] - 20).max() < 0.2
+    assert drift(log)[0] < 1.5e-3
+
+
+def test_losing_the_wall_costs_no_more_speed_than_the_damping_allows():
+    """The wall vanishes at 0.6 s and stands 10 mm further on: the arm drives there no faster than in its first approach."""
+    arm = k1607_arm()
+    case = setup(arm, K1607_POSTURE, 1e4)
+    further = Wall(case.wall.point - 0.01 * case.wall.normal, case.wall.normal, 1e4)
+
+    def at(t):
+        return case.wall if t < 0.6 else further
+
+    case = Setup(
+        HybridAdaptive(**{**vars(case.law), "sensor": lambda t, q, v: at(t).wrench(arm, t, q, v)}), case.wall, case.q0
+    )
+    log = case.run(2.0, external=lambda t, q, v: at(t).external(arm)(t, q, v))
+    force, way = log.force.values[:, 0], -log.tool_position.values @ case.wall.normal
+    assert (force[620:800] == 0).all()
+    speed = np.diff(way) / PERIOD
+    law = case.law
+    terminal = (1 + law.force_gains.K_p[0, 0]) * 20 / (law.force_gains.K_d[0, 0] * 1e5)
+    assert speed.max() < 1.3 * terminal
+    assert abs(force[-1] - 20) < 1e-3
+
+
+def equilibrium(setup, mass, K_p, force_K_p, push):
+    """(force, penetration, q) at rest, from kinematics, gains, wall and the weight of ``mass`` at the tool's origin."""
+    law, wall = setup.law, setup.wall
+    model = law.arm.model
+    data, frame = model.createData(), model.getFrameId(law.arm.tool_frame)
+    C6, k = np.kron(np.eye(2), law.compliance), wall.stiffness_at(0.0)
+    home, turn = law.path(0.0).position, law.rotation
+    S = np.diag(PUSH)
+
+    def depth(q):
+        pin.framesForwardKinematics(model, data, q)
+        return wall.normal @ (wall.point - data.oMf[frame].translation)
+
+    def residual(q):
+        d = depth(q)
+        pose = data.oMf[frame].copy()
+        J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
+        M = pin.crba(model, data, q)
+        M = np.triu(M) + np.triu(M, 1).T
+        angle = Rotation.from_matrix(turn @ pose.rotation.T).as_rotvec()
+        half = np.linalg.norm(angle) / 2
+        x_e = C6.T @ np.append(
+            home - pose.translation, angle * np.sinc(half / np.pi)
+        )  # 2 sin(angle / 2) along the axis
+        f_e = S @ (push * np.eye(6)[0] - k * d * np.eye(6)[0])
+        command = (np.eye(6) - S) @ K_p @ (np.eye(6) - S) @ x_e + S @ (push * np.eye(6)[0] + force_K_p @ f_e)
+        acting = C6 @ command + np.append(k * d * wall.normal + mass * model.gravity.linear, np.zeros(3))
+        J_bar = np.linalg.solve(M, J.T) @ np.linalg.inv(J @ np.linalg.solve(M, J.T))
+        drawn = M @ (setup.q0 - q)
+        return J.T @ acting + 100.0 * (drawn - J.T @ (J_bar.T @ drawn))
+
+    found = root(residual, setup.q0, tol=1e-14)
+    assert np.abs(found.fun).max() < 1e-8
+    d = depth(found.x)
+    return k * d, d, found.x
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e5])
+@pytest.mark.parametrize("adapting", [False, True])
+def test_steady_contact_is_the_static_equilibrium(stiffness, adapting):
+    """With a weight that the law does not know, so that neither force nor pose is what is wanted."""
+    arm, mass = k1607_arm(), 3.0
+    case = setup(
+        arm, K1607_POSTURE, stiffness, assumed=2 * stiffness, gap=0.0, normal=(-1, 0.4, 0.5), adapting=adapting,
+        force_omega=np.clip(0.6 * np.sqrt(stiffness), 40, 200), dead_zone=10.0,
+    )  # fmt: skip
+    log = case.run(4.0, payloads=[(0.0, k1607.Payload(mass))])
+    last = log.isel(time=-1)
+    assert np.array_equal(log.force_K_p.values[-500], last.force_K_p.values)  # the dead zone has let them come to rest
+    force, depth, q = equilibrium(case, mass, last.K_p.values, last.force_K_p.values, 20.0)
+    assert abs(force - 20) > 0.1
+    assert float(last.force[0]) == pytest.approx(force, rel=1e-6)
+    assert case.wall.depth(last.tool_position.values) == pytest.approx(depth, rel=1e-6)
+    assert last.q.values == pytest.approx(q, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("stiffness", [1e3, 3e4])
+def test_other_arms_slide_along_a_tilted_wall(name, stiffness):
+    arm = k1607.load_example(name)
+    case = setup(
+        arm, ready_postures(arm)[0], stiffness, assumed=3e4, push=10.0, friction=0.2, speed=0.02, normal=(0.2, 0.3, 1.0),
+        omega=20.0, force_omega=150.0,
+    )  # fmt: skip
+    log = case.run(2.0)
+    force = log.force.values[:, 0]
+    assert force.max() < 12
+    assert settled_after(log, first_touch(log), 10.0) < (1.1 if stiffness == 1e3 else 0.15)
+    position, orientation = drift(log)
+    assert position < 5e-3
+    assert orientation < 20e-3
+
+
+def test_switching_makes_no_jump_and_lands_softly():
+    """Approach by position 3 mm into the wall, press by force from 0.5 s on, let go at 1.2 s and be held by position again."""
+    arm = k1607_arm()
+    free, press = Mode(np.zeros(6)), Mode(PUSH, (20.0, 0, 0, 0, 0, 0))
+    modes = [free, press._replace(time=0.5), free._replace(time=1.2)]
+    case = setup(arm, K1607_POSTURE, 1e4, gap=-0.003, modes=modes)
+    log = case.run(2.0)
+    jump = np.abs(np.diff(log.tau.values, axis=0)).max(axis=1)
+    for time in (0.5, 1.2):
+        k = round(time / PERIOD)
+        stay = setup(arm, K1607_POSTURE, 1e4, gap=-0.003, modes=[m for m in modes if m.time < time]).run(time)
+        # what the torque would have been at that very sample, had nothing been switched
+        assert log.tau.values[k] == pytest.approx(stay.tau.values[k], abs=1e-9)
+        assert jump[k : k + 50].max() < 1.0
+    ramp = log.force.values[500:1200, 0]
+    before = log.force.values[499, 0]
+    assert np.abs(np.diff(ramp)).max() < 0.5
+    assert min(before, 20) - 1.5 < ramp.min() <= ramp.max() < max(before, 20) + 1.5
+    assert abs(ramp[-1] - 20) < 0.3
+    x_after = log.error.values[1200:, 0]
+    assert np.abs(np.diff(x_after)).max() < 2e-5
+    # held by position again, where the path is: the push that the mode before left behind has faded
+    assert np.abs(log.error.values[-1] - log.error.values[499]).max() < 1e-4
