@@ -77,18 +77,18 @@ def plan_joints(
 ) -> JointPlan:
     """From rest at q0 through the waypoints in turn, to rest at the last.
 
-    Each stretch is the fastest there is for the velocities at its ends, all joints in one common time. These velocities are ours:
-    the harmonic mean of the mean velocities before and after, none for a joint that turns back (Fritsch and Butland, SIAM J. Sci.
-    Stat. Comput. 5(2), 1984), halved for as long as a joint leaves the range between its two waypoints. So no joint overshoots a
-    waypoint, but the whole is not the fastest of all. A waypoint that repeats the one before is no stop.
-    Torques are not looked at; `slow_down` does.
+    Each stretch is the fastest that Ruckig finds for the velocities at its ends, all joints in one common time; straight (in
+    joint space) from rest to rest. The velocities are ours: the harmonic mean of the mean velocities before and after, none for a
+    joint that turns back (Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5(2), 1984), halved for as long as a joint leaves the
+    range between its two waypoints. So no joint overshoots a waypoint, but the whole is not the fastest of all. A waypoint that
+    repeats the one before is no stop. Torques are not looked at; `slow_down` does.
 
     Parameters
     ----------
     waypoints : (m, n) rad; q0 : (n,) rad, where it starts.
     velocity, acceleration, jerk : limits, (n,) or one number for all, rad/s, rad/s^2, rad/s^3. Velocity defaults to the arm's
         own; acceleration to what reaches it in 0.5 s, jerk to what reaches that in 0.1 s, which is assumed.
-    stop : to rest at each waypoint, and straight (in joint space) from one to the next.
+    stop : to rest at each waypoint.
 
     Raises
     ------
@@ -164,37 +164,31 @@ def _in_range(q: np.ndarray, v: np.ndarray, limits: Limits) -> list[Spline]:
     """Stretches with velocities lowered where a joint would otherwise leave the range between two waypoints."""
     v, halved = v.copy(), np.zeros(len(q), dtype=int)
     while True:
-        found = _stretches(q, v, limits)
-        wide = [k for k, stretch in enumerate(found) if stretch is None or _overshoots(stretch, q[k : k + 2])]
-        if not wide or not v.any():
-            return found
-        ends = list({end for k in wide for end in (k, k + 1)})
+        found = [_stretch(q[k : k + 2], v[k : k + 2], limits) for k in range(len(q) - 1)]
+        missing = [k for k, stretch in enumerate(found) if stretch is None]
+        if not missing:
+            return [stretch for stretch in found if stretch]
+        ends = list({end for k in missing for end in (k, k + 1)})
         halved[ends] += 1
         v[ends] /= 2
         v[halved > HALVINGS] = 0.0
 
 
-def _stretches(q: np.ndarray, v: np.ndarray, limits: Limits) -> list[Any]:
-    """One from each waypoint to the next; None where there is none with such velocities."""
-    found: list[Spline | None] = []
-    for k in range(len(q) - 1):
-        try:
-            found.append(fastest(q[k], q[k + 1], v[k], v[k + 1], limits))
-        except NoMotionError:
-            if not v[k : k + 2].any():
-                raise
-            found.append(None)
-    return found
+def _stretch(ends: np.ndarray, v: np.ndarray, limits: Limits) -> Spline | None:
+    """Between two waypoints (2, n), within their range, with velocities (2, n) there; None if Ruckig finds none."""
+    if not v.any():
+        return straight(ends[0], ends[1], limits)
+    try:
+        found = fastest(ends[0], ends[1], v[0], v[1], limits)
+    except NoMotionError:
+        return None
+    lowest, highest = found.peaks()
+    beyond = np.maximum(ends.min(axis=0) - lowest.value, highest.value - ends.max(axis=0))
+    return found if beyond.max() < ROUNDING else None
 
 
 def _duration(stretches: list[Spline]) -> float:
     return sum(stretch.duration for stretch in stretches)
-
-
-def _overshoots(stretch: Spline, ends: np.ndarray) -> bool:
-    lowest, highest = stretch.peaks()
-    beyond = np.maximum(ends.min(axis=0) - lowest.value, highest.value - ends.max(axis=0))
-    return bool(beyond.max() > ROUNDING)
 
 
 def _waypoints(arm: Arm, waypoints: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import ruckig  # type: ignore[import-not-found]
 from k1607_pin.paths.spline import Spline, of_jerk
 
 SPARE = 1e-6  # of the limits
+LEAST = 1e-9  # rad (m)
 
 
 class Limits(NamedTuple):
@@ -32,22 +33,23 @@ class NoMotionError(ValueError):
 def fastest(start: np.ndarray, end: np.ndarray, v_start: np.ndarray, v_end: np.ndarray, limits: Limits) -> Spline:
     """All n coordinates from ``start`` to ``end`` in one common time, the shortest there is.
 
-    start, end, v_start, v_end : (n,); accelerations there are zero. Ruckig looks for roots to 1e-8 of the position, which shows
+    start, end, v_start, v_end : (n,); accelerations there are zero. Ruckig looks for roots to 1e-8 of the distance, which shows
     in a few motions of a thousand that start or end at speed. What is missing is spread over the way, for which such motions
     leave a millionth of the limits.
 
     Raises
     ------
     NoMotionError
-        v_start or v_end is beyond the limits, or Ruckig finds no motion. That happens where it has to turn back to end at v_end,
-        never from rest to rest.
+        v_start or v_end is beyond the limits, or Ruckig finds no motion, which happens: where it has to turn back to end at
+        v_end, say, or where one coordinate goes a millionth of another's way. Never to a single one from rest to rest.
     """
-    n = len(start)
+    n, distance = len(start), end - start
+    unit = np.maximum(np.abs(distance), LEAST)  # of length, each coordinate's own: Ruckig's 1e-8 are of it
     wanted = ruckig.InputParameter(n)
-    wanted.current_position, wanted.target_position = start.tolist(), end.tolist()
-    wanted.current_velocity, wanted.target_velocity = v_start.tolist(), v_end.tolist()
+    wanted.current_position, wanted.target_position = np.zeros(n), distance / unit
+    wanted.current_velocity, wanted.target_velocity = v_start / unit, v_end / unit
     share = 1 - SPARE if v_start.any() or v_end.any() else 1.0
-    wanted.max_velocity, wanted.max_acceleration, wanted.max_jerk = (share * np.broadcast_to(x, n) for x in limits)
+    wanted.max_velocity, wanted.max_acceleration, wanted.max_jerk = (share * x / unit for x in limits)
     wanted.synchronization = ruckig.Synchronization.Phase
     planner, found = ruckig.Ruckig(n), ruckig.Trajectory(n)
     try:
@@ -62,14 +64,14 @@ def fastest(start: np.ndarray, end: np.ndarray, v_start: np.ndarray, v_end: np.n
     middles = (times[:-1] + times[1:]) / 2
     jerk = np.array(
         [
-            np.append(profile.j, 0.0)[np.searchsorted(switch, middles)]
-            for profile, switch in zip(found.profiles[0], switches, strict=True)
+            np.append(profile.j, 0.0)[np.searchsorted(switch, middles)] * scale
+            for profile, switch, scale in zip(found.profiles[0], switches, unit, strict=True)
         ]
     ).T
     missing = end - of_jerk(times, jerk, start, v_start)(T)
     # a push and a pull of the jerk, and back: displaces by 1, without a trace in velocity and acceleration
     displace = np.where(np.abs(middles - T / 2) > T / 4, 32.0, -32.0) / T**3
-    return of_jerk(times, jerk, start, v_start)
+    return of_jerk(times, jerk + displace[:, None] * missing, start, v_start)
 
 
 def progress(distances: np.ndarray, limits: Limits, start: float = 0.0) -> Spline:
