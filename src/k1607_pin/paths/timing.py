@@ -7,7 +7,7 @@ community version knows no intermediate waypoints, so that each stretch between 
 from typing import NamedTuple
 
 import numpy as np
-import ruckig  # type: ignore[import-not-found]
+import ruckig
 
 from k1607_pin.paths.spline import Spline, of_jerk
 
