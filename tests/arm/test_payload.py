@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from k1607_pin.arm.payload import Payload, velocity_after_pickup, with_payload
+from k1607_pin.arm.payload import Payload, velocity_after_gripping, with_payload
 
 BOX = Payload(4.5, np.array([0.02, -0.01, 0.1]), np.diag([0.03, 0.04, 0.05]))
 
@@ -59,7 +59,7 @@ def test_gripping_a_resting_payload_keeps_momentum_and_loses_energy(arm):
     loaded = with_payload(arm, BOX)
     for q, v in states(arm):
         M, M_loaded = arm.mass_matrix(q), loaded.mass_matrix(q)
-        after = velocity_after_pickup(arm, loaded, q, v)
+        after = velocity_after_gripping(arm, loaded, BOX, q, v)
         assert np.abs(M_loaded @ after - M @ v).max() < 1e-11 * np.abs(M @ v).max()
         assert after @ M_loaded @ after < v @ M @ v
         # Carnot: the energy lost is that of the lost velocity, on both sides

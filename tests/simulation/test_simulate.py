@@ -131,8 +131,8 @@ def test_a_ramp_from_rest_takes_momentum_share_by_share():
     assert np.abs(ramp.v.values[-1] - at_once.v.values[-1]).max() < 0.05 * np.abs(lost).max()
 
 
-def test_a_stuck_motor_at_its_limit_gives_that_and_no_more():
-    """One prismatic-like answer: a joint about the vertical, weightless, asked for far more than its limit."""
+def test_a_motor_at_its_limit_gives_that_and_no_more():
+    """Asked for far more than their limit, the motors move the arm as they would when asked for the limit."""
     arm = k1607.load_k1607(gravity=(0, 0, 0))
     plant = Plant(arm, torque_limit=np.full(7, 3.0))
 

@@ -80,12 +80,3 @@ def velocity_after_gripping(bare: Arm, after: Arm, gripped: Payload, q: np.ndarr
     M = after.mass_matrix(q)
     newcomer = with_payload(bare, gripped).mass_matrix(q) - bare.mass_matrix(q)
     return np.linalg.solve(M, (M - newcomer) @ bare.as_vector(v, "v"))
-
-
-def velocity_after_pickup(before: Arm, after: Arm, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(n,) rad/s after a payload at rest has been gripped, all at once: the joints' momentum is conserved, M' v' = M v.
-
-    before, after : the arm without and with it; q, v : (n,) at that moment. A payload that moves along with the tool before it is
-    gripped leaves v as it is. Laying a payload down changes no velocity either.
-    """
-    return np.linalg.solve(after.mass_matrix(q), before.mass_matrix(q) @ before.as_vector(v, "v"))
