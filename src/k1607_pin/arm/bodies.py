@@ -27,8 +27,8 @@ def bodies(model: pin.Model) -> list[Body]:
                 axis=axis,
                 revolute=revolute,
                 mass=float(inertia.mass),
-                cg=inertia.lever.copy(),
-                inertia=inertia.inertia.copy(),
+                moment=inertia.mass * inertia.lever,
+                inertia=pin.Symmetric3(inertia.toDynamicParameters()[4:]).matrix(),
                 armature=float(model.armature[i - 1]),
             )
         )
