@@ -11,6 +11,7 @@ from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics
 from k1607_pin.arm.load import load_example, load_k1607, load_urdf
 from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.arm.wrench import Wrench
+from k1607_pin.compiled.rollout import rollout, rollouts
 from k1607_pin.control.cartesian import CartesianAdaptive
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
 from k1607_pin.simulation.plant import Plant
@@ -32,6 +33,8 @@ __all__ = [
     "load_urdf",
     "nullspace",
     "orientation",
+    "rollout",
+    "rollouts",
     "simulate",
     "with_payload",
 ]

@@ -1,11 +1,13 @@
 """A payload in the hand: the same arm, carrying it, and what happens at the moment it is picked up."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from k1607_pin.arm.arm import Arm, frame_id
+from k1607_pin.dynamics.linear import solve_symmetric
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,10 @@ def velocity_after_gripping(bare: Arm, after: Arm, gripped: Payload, q: np.ndarr
     M' v' = (M' - M_gripped) v: all but the newcomer brings its momentum. What was let go at the same moment took its own along.
     bare : the arm without any payload; q, v : (n,) at that moment.
     """
-    M = after.mass_matrix(q)
     newcomer = with_payload(bare, gripped).mass_matrix(q) - bare.mass_matrix(q)
-    return np.linalg.solve(M, (M - newcomer) @ bare.as_vector(v, "v"))
+    return velocity_after_gripping_of(after.mass_matrix(q), newcomer, bare.as_vector(v, "v"))
+
+
+def velocity_after_gripping_of(M: Any, newcomer: Any, v: Any) -> Any:
+    """(n,) rad/s, from mass matrices (n, n): M with all that is carried, and what of it ``newcomer``, at rest until then, adds."""
+    return solve_symmetric(M, (M - newcomer) @ v)

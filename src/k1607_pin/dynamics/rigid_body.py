@@ -148,12 +148,26 @@ def in_parent(body: Body, turn: Any, offset: Any, mass: Any, moment: Any, inerti
 
     turn : (3, 3) of the joint; offset : (3,) m, the joint frame's origin in the parent.
     """
-    h = body.rotation @ (turn @ moment)
-    I = body.rotation @ (turn @ inertia @ turn.T) @ body.rotation.T
-    mp, product = mass * offset, np.outer(offset, h)
-    # Steiner's theorem, from a point that need not be the centre of gravity
-    steiner = (2 * (offset @ h) + mp @ offset) * np.eye(3) - product - product.T - np.outer(mp, offset)
-    return mass, h + mp, I + steiner
+    R = body.rotation
+    return moved(mass, R @ (turn @ moment), R @ (turn @ inertia @ turn.T) @ R.T, offset)
+
+
+def moved(mass: Any, moment: Any, inertia: Any, offset: Any) -> tuple[Any, Any, Any]:
+    """Mass, first moment (3,) and inertia (3, 3) of a body shifted by ``offset`` (3,) m, about where the origin stays.
+
+    Steiner's theorem, from a point that need not be the centre of gravity.
+    """
+    mp, product = mass * offset, np.outer(offset, moment)
+    steiner = (2 * (offset @ moment) + mp @ offset) * np.eye(3) - product - product.T - np.outer(mp, offset)
+    return mass, moment + mp, inertia + steiner
+
+
+def rigidly_carried(mass: Any, cg: Any, inertia: Any, offset: Any, rotation: Any) -> tuple[Any, Any, Any]:
+    """Mass, first moment (3,) and inertia (3, 3) about a joint frame, of a body given in a frame fixed there.
+
+    cg : (3,) m; inertia : (3, 3) kg m^2 about the cg; offset (3,) m and rotation (3, 3) : that frame in the joint's.
+    """
+    return moved(mass, 0 * cg, rotation @ inertia @ rotation.T, offset + rotation @ cg)
 
 
 def coriolis_matrix(bodies: Sequence[Body], q: Any, v: Any) -> Any:

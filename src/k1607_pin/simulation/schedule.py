@@ -47,6 +47,31 @@ class PayloadSchedule:
             )
         return change
 
+    @property
+    def changes(self) -> tuple[PayloadChange, ...]:
+        """All of them."""
+        return tuple(self._changes)
+
+    def shares(self, t: float) -> np.ndarray:
+        """(changes,) of each change's payload, what the hand carries at time t [s]: `at` in numbers."""
+        shares = np.zeros(len(self._changes))
+        for k, change in enumerate(self._changes):
+            if change.time > t:
+                break
+            share = self._share(change, t)
+            shares *= 1 - share
+            shares[k] += share
+        return shares
+
+    def gripped_shares(self, before: float, now: float) -> np.ndarray:
+        """(changes,) of each change's payload, what came into the hand between two times [s]: `gripped` in numbers."""
+        shares = np.zeros(len(self._changes))
+        begun = [k for k, change in enumerate(self._changes) if change.time <= now]
+        if begun:
+            last = self._changes[begun[-1]]
+            shares[begun[-1]] = self._share(last, now) - (self._share(last, before) if last.time <= before else 0.0)
+        return shares
+
     def at(self, t: float) -> Payload:
         """What the hand carries at time t [s]: the same object for as long as it stays the same."""
         carried = NOTHING

@@ -1,8 +1,7 @@
 """A compliant wall: a plane that pushes back, with stiffness and damping that may change in time, and Coulomb friction."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -59,50 +58,78 @@ class Wall:
         object.__setattr__(self, "_stiffness", Profile("stiffness", "N/m", self.stiffness))
         object.__setattr__(self, "_damping", Profile("damping", "N s/m", self.damping))
 
+    of_time: ClassVar = ("stiffness_at", "damping_at")
+    """Methods of time alone, for who traces the others"""
+
     def stiffness_at(self, t: float) -> float:
         """N/m at time t [s]."""
         return self._stiffness.at(t)
 
-    def depth(self, position: np.ndarray) -> float:
-        """m by which the position (3,) m, base axes, is behind the plane; negative on the free side."""
-        return float(self.normal @ (self.point - position))
+    def damping_at(self, t: float) -> float:
+        """N s/m at time t [s]."""
+        return self._damping.at(t)
 
-    def force(self, t: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    def depth(self, position: Any) -> Any:
+        """m by which the position (3,) m, base axes, is behind the plane; negative on the free side."""
+        return self.normal @ (self.point - position)
+
+    def force(self, t: float, position: Any, velocity: Any) -> Any:
         """(3,) N of the wall on a point at ``position`` (3,) m moving at ``velocity`` (3,) m/s, base axes, at time t [s]."""
-        depth = self.depth(position)
-        if depth <= 0:
-            return np.zeros(3)
-        along_normal = float(self.normal @ velocity)
-        push = max(self._stiffness.at(t) * depth - self._damping.at(t) * along_normal, 0.0)
+        depth, along_normal = self.depth(position), self.normal @ velocity
+        push = np.maximum(self.stiffness_at(t) * depth - self.damping_at(t) * along_normal, 0.0)
+        push = np.where(depth > 0, push, 0.0)
         sliding = velocity - along_normal * self.normal
-        speed = float(np.linalg.norm(sliding))
-        # tanh(s / REST) / s has a limit at rest
-        rub = self.friction * push * (np.tanh(speed / REST) / speed if speed > 1e-6 * REST else 1 / REST)
+        speed = np.sqrt(sliding @ sliding)
+        rests = speed < 1e-6 * REST  # tanh(s / REST) / s has a limit at rest
+        rub = self.friction * push * np.where(rests, 1 / REST, np.tanh(speed / REST) / np.where(rests, 1.0, speed))
         return push * self.normal - rub * sliding
 
     def energy(self, t: float, position: np.ndarray) -> float:
         """J in the wall's spring, with the tool at ``position`` (3,) m at time t [s]."""
-        return self._stiffness.at(t) * max(self.depth(position), 0.0) ** 2 / 2
+        return self._stiffness.at(t) * max(float(self.depth(position)), 0.0) ** 2 / 2
 
-    def wrench(self, arm: Arm, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def wrench(self, arm: Arm, t: float, q: Any, v: Any) -> Any:
         """(6,) N, N m of the wall on the arm at its tool, base axes, at time t [s] and q, v (n,)."""
-        position = arm.forward_kinematics(q).translation
-        if self.depth(position) <= 0:
-            return np.zeros(6)
-        return np.concatenate([self.force(t, position, arm.jacobian(q)[:3] @ v), np.zeros(3)])
+        force = self.force(t, arm.forward_kinematics(q).translation, arm.jacobian(q)[:3] @ v)
+        return np.concatenate([force, np.zeros(3)])
 
-    def sensor(self, arm: Arm) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
+    def sensor(self, arm: Arm) -> "WallPush":
         """`wrench` as a function of t, q, v: an ideal force sensor between tool and wall."""
-        return lambda t, q, v: self.wrench(arm, t, q, v)
+        return WallPush(self, arm)
 
-    def external(self, arm: Arm) -> Callable[[float, np.ndarray, np.ndarray], Wrench | None]:
-        """What `simulate` takes as ``external``, for this arm's tool; None while it is off the wall."""
+    def external(self, arm: Arm) -> "WallOn":
+        """What `simulate` and `rollout` take as ``external``, for this arm's tool; None while it is off the wall."""
+        return WallOn(self, arm)
 
-        def external(t: float, q: np.ndarray, v: np.ndarray) -> Wrench | None:
-            force = self.wrench(arm, t, q, v)[:3]
-            return Wrench(force) if force.any() else None
 
-        return external
+@dataclass(frozen=True)
+class WallPush:
+    """Time [s], q, v (n,) -> (6,) N, N m of a wall on an arm at its tool, base axes."""
+
+    wall: Wall
+    arm: Arm
+
+    def __call__(self, t: float, q: Any, v: Any) -> Any:
+        """See `Wall.wrench`."""
+        return self.wall.wrench(self.arm, t, q, v)
+
+
+@dataclass(frozen=True)
+class WallOn:
+    """Time [s], q, v (n,) -> what a wall does to an arm's tool, or None."""
+
+    wall: Wall
+    arm: Arm
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> Wrench | None:
+        """As `simulate` asks."""
+        if self.wall.depth(self.arm.forward_kinematics(q).translation) <= 0:
+            return None
+        return Wrench(self.wrench(t, q, v)[:3])
+
+    def wrench(self, t: float, q: Any, v: Any) -> Any:
+        """(6,) N, N m at the tool, base axes; as `rollout` asks."""
+        return self.wall.wrench(self.arm, t, q, v)
 
 
 class Profile:

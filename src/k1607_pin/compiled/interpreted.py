@@ -1,0 +1,132 @@
+"""Without a compiler: the same programs, run by CasADi's own interpreter for all rollouts at once. Correct, and slow."""
+
+import logging
+import warnings
+
+import casadi as ca
+import numpy as np
+
+from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop
+from k1607_pin.compiled.plan import Plan
+from k1607_pin.compiled.program import Program
+from k1607_pin.simulation.noise import standard_normal
+
+logger = logging.getLogger(__name__)
+
+WARNING = "no C compiler was found: rollouts run in CasADi's interpreter, some hundred times slower; see `k1607 doctor`"
+
+
+class Interpreter:
+    """Stands in for a `Kernel`."""
+
+    lanes = 1
+
+    def __init__(self, loop: ClosedLoop) -> None:
+        warnings.warn(WARNING, RuntimeWarning, stacklevel=2)
+        self._loop = loop
+        self._functions = {name: _function(name, p) for name, p in loop.programs.items()}
+
+    def __str__(self) -> str:
+        return "CasADi's interpreter"
+
+    def __call__(self, plan: Plan, inputs: np.ndarray, seeds: np.ndarray, results: np.ndarray, log: np.ndarray) -> None:
+        """As `Kernel`, for arrays of one lane."""
+        with np.errstate(all="ignore"):
+            self._run(plan, inputs[:, :, 0].T, seeds[:, :, 0], results, log)
+
+    def _run(self, plan: Plan, x: np.ndarray, seeds: np.ndarray, results: np.ndarray, log: np.ndarray) -> None:
+        loop, n, count = self._loop, self._loop.n, x.shape[1]
+        sizes = dict(zip(INPUTS, loop.input_sizes, strict=True))
+        now = {name: np.zeros((size, count)) for name, size in sizes.items()}
+        now["q"], now["v"] = x[:n].copy(), x[n : 2 * n].copy()
+        now["parameters"] = x[2 * n : 2 * n + sizes["parameters"]]
+        now["state"] = x[2 * n + sizes["parameters"] :] if loop.state_is_given else self._one("initial", now)
+        metrics = np.repeat(np.where(np.array(loop.reducers) == "min", np.inf, 0.0)[:, None], count, axis=1)
+        alive, failed, work = np.ones(count, bool), np.full(count, np.nan), np.zeros(count)
+        counted = np.zeros(count)
+        now["hoisted"] = self._one("hoist", now)
+        for k in range(plan.ticks + 1):
+            if change := plan.change[k]:
+                now["shared"] = plan.weights[abs(change) - 1]
+                now["payload"] = self._one("payload", now)
+                if change < 0 and "grip" in self._functions:
+                    now["v"] = np.where(alive, self._one("grip", now), now["v"])
+                now["hoisted"] = self._one("hoist", now)
+            now["noise"] = self._noise(seeds, k, count)
+            now["shared"], now["more"] = plan.law_shared[k], metrics
+            tau, after, new_metrics, row = self._call("law", now)
+            finite = np.isfinite(tau).all(axis=0)
+            failed[alive & ~finite] = k * plan.period
+            alive &= finite
+            counted += alive
+            metrics = np.where(alive, new_metrics, metrics)
+            now["tau"], now["state"] = tau, after
+            if plan.rows and k % plan.every == 0:
+                log[:, k // plan.every, :, 0] = np.where(alive, row, np.nan).T
+            if k == plan.ticks:
+                break
+            before = now["q"]
+            for s in range(plan.substeps):
+                now["shared"] = plan.physics_shared[k * plan.substeps + s]
+                q, v = self._advance(now)
+                ok = (np.abs(v) < plan.runaway).all(axis=0) & alive
+                failed[alive & ~ok] = k * plan.period + s * plan.physics_step
+                alive = ok
+                now["q"], now["v"] = np.where(alive, q, now["q"]), np.where(alive, v, now["v"])
+            work += np.where(alive, np.sum(tau * (now["q"] - before), axis=0), 0.0)
+        results[:, :, 0] = np.concatenate([now["q"], now["v"], metrics, counted[None], work[None], failed[None]]).T
+
+    def _advance(self, now: dict[str, np.ndarray]) -> list[np.ndarray]:
+        stages = self._loop.stages
+        if stages == 1:
+            return self._call("motion", now)
+        k = np.zeros((stages * self._loop.n, now["q"].shape[1]))
+        for i in range(stages):
+            here = dict(now)
+            if i:
+                here["q"], here["v"] = self._call(f"stage{i}", {**now, "more": k})
+            k[i * self._loop.n : (i + 1) * self._loop.n] = self._one("acceleration", here)
+        return self._call("finish", {**now, "more": k})
+
+    def _noise(self, seeds: np.ndarray, sample: int, count: int) -> np.ndarray:
+        sources = [source.size for _, source, _ in self._loop.law_tables.noise]
+        columns = [
+            np.concatenate(
+                [standard_normal(int(seed), sample, size) for seed, size in zip(seeds[i], sources, strict=True)]
+            )
+            for i in range(count if sources else 0)
+        ]
+        return np.array(columns).T if columns else np.zeros((0, count))
+
+    def _one(self, name: str, now: dict[str, np.ndarray]) -> np.ndarray:
+        return self._call(name, now)[0]
+
+    def _call(self, name: str, now: dict[str, np.ndarray]) -> list[np.ndarray]:
+        f, takes = self._functions[name]
+        count = now["q"].shape[1]
+        arguments = []
+        for i, key in enumerate(INPUTS):
+            x = now[key][: f.size1_in(i)] if key in takes else np.zeros(1)
+            arguments.append(np.repeat(x[:, None], count, axis=1) if x.ndim == 1 else x)
+        found = f.map(count)(*arguments)
+        return [x.full() for x in (found if isinstance(found, tuple | list) else (found,))]
+
+
+def _function(name: str, p: Program) -> tuple[ca.Function, set[str]]:
+    """The program as a CasADi function again, and which of the inputs it takes."""
+    taken: dict[int, int] = {}  # input -> how many of its elements, up to the last that is used
+    for node in p.nodes:
+        if node.op == "input":
+            taken[node.place[0]] = max(taken.get(node.place[0], 0), node.place[1] + 1)
+    symbols = [ca.SX.sym(key, taken.get(k, 1)) for k, key in enumerate(INPUTS)]
+    values: list[ca.SX] = []
+    for node in p.nodes:
+        if node.op == "const":
+            values.append(ca.SX(node.value))
+        elif node.op == "input":
+            values.append(symbols[node.place[0]][node.place[1]])
+        else:
+            code, a = getattr(ca, f"OP_{node.op.upper()}"), [values[i] for i in node.args]
+            values.append(ca.SX.unary(code, *a) if len(a) == 1 else ca.SX.binary(code, *a))
+    outputs = [ca.vertcat(*(ca.densify(values[i]) for i in output)) if output else ca.SX(0, 1) for output in p.outputs]
+    return ca.Function(name, symbols, outputs), {INPUTS[k] for k in taken}

@@ -1,0 +1,80 @@
+"""A closed loop as one C text, and the native function built from it."""
+
+import ctypes
+from importlib.resources import files
+
+import numpy as np
+
+from k1607_pin.compiled import emit
+from k1607_pin.compiled.build import Compiler, library
+from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop
+from k1607_pin.compiled.plan import Plan
+
+SHARED = INPUTS.index("shared")
+
+
+def source(loop: ClosedLoop, lanes: int) -> str:
+    """C of the whole kernel, for ``lanes`` side by side."""
+    text = files("k1607_pin.compiled")
+    noise = [source.size for _, source, _ in loop.law_tables.noise]
+    programs = loop.programs
+    sizes = {
+        "N": loop.n,
+        "NP": sum(int(np.prod(shape)) for shape in loop.parameters.values()),
+        "NS": loop.state.size,
+        "NGIVEN": loop.state.size if loop.state_is_given else 0,
+        "NM": sum(int(np.prod(shape)) for _, _, shape in loop.metrics),
+        "NLOG": sum(int(np.prod(shape)) for _, shape in loop.logged),
+        "NPI": len(programs["payload"].outputs[0]) if "payload" in programs else 0,
+        "NW": loop.weights,
+        "NH": len(programs["hoist"].outputs[0]),
+        "NN": sum(noise),
+        "NSEED": len(noise),
+        "NL": loop.law_tables.size,
+        "NX": loop.physics_tables.size,
+        "STAGES": loop.stages,
+        "GRIP": int("grip" in programs),
+    }
+    lines = [f"#define W {lanes}", *(f"#define {name} {value}" for name, value in sizes.items())]
+    calls = [
+        f"stage{i}(0, q, v, tau, 0, 0, P, pi, H, k, qs, vs); "
+        f"acceleration(shared, qs, vs, tau, 0, 0, P, pi, H, 0, k + {i} * N);"
+        for i in range(1, loop.stages)
+    ]
+    lines.append(f"#define STAGE_CALLS {' '.join(calls)}")
+    start = [0.0 if reducer in ("rms", "mean", "max", "last") else np.inf for reducer in loop.reducers]
+    lines.append(f"static const double metric_start[NM + 1] = {{{', '.join(map(emit.literal, [*start, 0.0]))}}};")
+    lines.append(f"static const int noise_size[NSEED + 1] = {{{', '.join(map(str, [*noise, 0]))}}};")
+    functions = [emit.function(name, p, len(INPUTS), (SHARED,)) for name, p in programs.items()]
+    parts = [(text / "lanes.h").read_text(), "\n".join(lines[1:]), *functions, (text / "driver.c").read_text()]
+    return "\n".join([lines[0], *parts])
+
+
+class _Plan(ctypes.Structure):
+    """`Plan` as driver.c has it."""
+
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("ticks", "substeps", "every", "rows")),
+        *((name, ctypes.c_double) for name in ("period", "physics_step", "runaway")),
+        *((name, ctypes.c_void_p) for name in ("law_shared", "physics_shared", "weights", "change")),
+    ]
+
+
+class Kernel:
+    """The native function of a closed loop: advances blocks of ``lanes`` rollouts."""
+
+    def __init__(self, loop: ClosedLoop, compiler: Compiler) -> None:
+        self.lanes = compiler.lanes
+        self._compiler = compiler
+        self._run = library(source(loop, compiler.lanes), compiler).rollout
+        self._run.restype = None
+        self._run.argtypes = [ctypes.POINTER(_Plan), ctypes.c_int64, *[ctypes.c_void_p] * 4]
+
+    def __str__(self) -> str:
+        return f"{self._compiler.instructions}, {self.lanes} lanes, {self._compiler.version}"
+
+    def __call__(self, plan: Plan, inputs: np.ndarray, seeds: np.ndarray, results: np.ndarray, log: np.ndarray) -> None:
+        """Fill results (blocks, RESULT, lanes) and log (blocks, rows, NLOG, lanes) from inputs (blocks, INPUT, lanes)."""
+        shared = [getattr(plan, field[0]) for field in _Plan._fields_]
+        in_c = _Plan(*(x.ctypes.data if isinstance(x, np.ndarray) else x for x in shared))
+        self._run(ctypes.byref(in_c), len(inputs), *(a.ctypes.data for a in (inputs, seeds, results, log)))

@@ -1,0 +1,163 @@
+"""The numbers inside controllers, plants and payloads, found and replaced by their dotted names."""
+
+import copy
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from k1607_pin.arm.arm import Arm
+
+
+def is_named_tuple(x: Any) -> bool:
+    """Whether x is an instance of a NamedTuple."""
+    return isinstance(x, tuple) and hasattr(x, "_fields")
+
+
+def is_number(x: Any) -> bool:
+    """Whether x is a float, an int (bool apart) or an array of them."""
+    if isinstance(x, np.ndarray):
+        return x.dtype.kind in "fiu"
+    return isinstance(x, int | float | np.number) and not isinstance(x, bool)
+
+
+def children(x: Any) -> Iterator[tuple[str, Any]]:
+    """Names and values of what x is made of; nothing for what this package does not look into."""
+    if is_named_tuple(x):
+        yield from zip(x._fields, x, strict=True)
+    elif isinstance(x, tuple | list):
+        yield from ((str(k), item) for k, item in enumerate(x))
+    elif isinstance(x, Mapping):
+        yield from x.items()
+    elif is_dataclass(x) and not isinstance(x, type):
+        yield from ((field.name, getattr(x, field.name)) for field in fields(x) if field.init)
+
+
+def numbers(x: Any, prefix: str = "") -> dict[str, np.ndarray]:
+    """All numbers below x by their dotted names."""
+    found: dict[str, np.ndarray] = {}
+    for name, child in children(x):
+        if is_number(child):
+            found[prefix + name] = np.asarray(child, dtype=float)
+        else:
+            found.update(numbers(child, f"{prefix}{name}."))
+    return found
+
+
+def replaced(x: Any, values: Mapping[str, Any]) -> Any:
+    """x with some of its numbers others, made anew, so that its own checks are run on them.
+
+    Raises
+    ------
+    ValueError
+        What x itself refuses.
+    """
+    here: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        first, _, rest = name.partition(".")
+        here.setdefault(first, {})[rest] = value
+    parts = dict(children(x))
+    new = {name: below[""] if "" in below else replaced(parts[name], below) for name, below in here.items()}
+    if is_named_tuple(x):
+        return x._replace(**new)
+    if isinstance(x, tuple | list):
+        return type(x)(new.get(name, item) for name, item in parts.items())
+    if isinstance(x, Mapping):
+        return {**x, **new}
+    return replace(x, **new)
+
+
+StandIn = Callable[[Any, str, Mapping[str, Any]], Any]
+
+
+def substituted(x: Any, symbols: Mapping[str, Any], stand_in: StandIn, path: str = "") -> Any:
+    """A copy of x with symbols for some of its numbers, made without asking x: what it checks, symbols would not pass.
+
+    Parameters
+    ----------
+    symbols : by dotted name.
+    stand_in : of an object, its dotted name and the symbols below it, what to put in its place; None to look inside.
+    """
+    if path in symbols:
+        return symbols[path]
+    below = {name: s for name, s in symbols.items() if name.startswith(f"{path}." if path else "")}
+    if (other := stand_in(x, path, below)) is not None:
+        return other
+
+    def go(name: str, child: Any) -> Any:
+        return substituted(child, symbols, stand_in, f"{path}.{name}" if path else name)
+
+    if is_named_tuple(x):
+        return type(x)(*(go(name, child) for name, child in children(x)))
+    if isinstance(x, tuple | list):
+        return type(x)(go(name, child) for name, child in children(x))
+    if isinstance(x, Mapping):
+        return {name: go(name, child) for name, child in children(x)}
+    if is_dataclass(x) and not isinstance(x, type):
+        made = copy.copy(x)
+        for name, child in vars(x).items():
+            object.__setattr__(made, name, go(name, child))
+        return made
+    return x
+
+
+class Layout:
+    """How a nest of numbers lies in one vector: of a controller's state, of a path's point."""
+
+    def __init__(self, sample: Any) -> None:
+        self._sample = sample
+        self.size = len(self.flat(sample))
+
+    def flat(self, x: Any) -> list[Any]:
+        """All numbers of x, in order; those of arrays row by row."""
+        out: list[Any] = []
+        _flatten(x, out)
+        return out
+
+    def rebuilt(self, vector: Any) -> Any:
+        """The nest of the entries of ``vector`` (size,)."""
+        taken = 0
+
+        def rebuild(x: Any) -> Any:
+            nonlocal taken
+            if is_number(x):
+                size = int(np.size(x))
+                part = vector[taken : taken + size]
+                taken += size
+                return np.reshape(part, np.shape(x)) if np.ndim(x) else part[0]
+            if is_named_tuple(x):
+                return type(x)(*(rebuild(item) for item in x))
+            if isinstance(x, tuple | list):
+                return type(x)(rebuild(item) for item in x)
+            if isinstance(x, Mapping):
+                return {name: rebuild(item) for name, item in x.items()}
+            if is_dataclass(x) and not isinstance(x, type):
+                made = copy.copy(x)
+                for name, item in vars(x).items():
+                    object.__setattr__(made, name, rebuild(item))
+                return made
+            return x
+
+        return rebuild(self._sample)
+
+
+def _flatten(x: Any, out: list[Any]) -> None:
+    if is_number(x) or hasattr(x, "_v"):  # a traced array too
+        out.extend(_entries(x))
+    elif isinstance(x, Mapping):
+        for item in x.values():
+            _flatten(item, out)
+    elif isinstance(x, tuple | list):
+        for item in x:
+            _flatten(item, out)
+    elif is_dataclass(x) and not isinstance(x, type):
+        for item in vars(x).values():
+            _flatten(item, out)
+    elif isinstance(x, Arm):
+        raise TypeError("expected numbers, got an Arm")
+
+
+def _entries(x: Any) -> list[Any]:
+    flat = np.reshape(x, (-1,)) if np.ndim(x) else [x]
+    return [flat[k] for k in range(len(flat))]

@@ -1,0 +1,284 @@
+"""Many closed loops at once, natively: the same definitions as `simulate`, traced and compiled."""
+
+import logging
+import os
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from k1607_pin.arm.arm import Arm
+from k1607_pin.compiled.build import compiler
+from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals, traced
+from k1607_pin.compiled.interpreted import Interpreter
+from k1607_pin.compiled.kernel import Kernel
+from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, rows_of
+from k1607_pin.compiled.leaves import replaced
+from k1607_pin.compiled.plan import Plan
+from k1607_pin.compiled.results import REST, dataset, variables_of
+from k1607_pin.simulation.integrators import semi_implicit_euler
+from k1607_pin.simulation.plant import Plant
+from k1607_pin.simulation.schedule import PayloadSchedule
+from k1607_pin.simulation.simulate import RUNAWAY, grid
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_METRICS = {"error": ("max", "rms"), "joint_error": ("max", "rms"), "tau": ("max",)}
+"""Of these, what the controller logs."""
+
+
+def rollout(
+    plant: "Plant | Arm",
+    controller: Any,
+    q0: np.ndarray,
+    duration: float,
+    v0: np.ndarray | None = None,
+    control_period: float = 0.01,
+    physics_step: float = 0.001,
+    step: Callable[..., Any] = semi_implicit_euler,
+    payloads: Sequence[Any] = (),
+    from_rest: bool = False,
+    external: Any = None,
+    vary: Mapping[str, Any] | None = None,
+    metrics: Mapping[str, Sequence[str]] | None = None,
+    log: Sequence[str] = (),
+    every: int = 1,
+    signals: Signals | None = None,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Closed loops side by side, one a lane of a native function: what `simulate` does, at some hundred times its speed.
+
+    The first call for a controller traces and compiles it, some seconds; the library is kept in the user's cache folder. What a
+    controller's ``start`` would refuse is not looked at here.
+
+    Parameters
+    ----------
+    plant, controller, duration, control_period, physics_step, step, payloads, from_rest : as for `simulate`. The controller must
+        trace: NumPy's functions on arrays, np.where for conditions on numbers. Functions of time alone need not.
+    q0, v0 : (n,) or (N, n) rad, rad/s, for N rollouts; v0 None for rest.
+    external : None, or what pushes the tool: an object with ``wrench(t, q, v)`` (6,), `Wall.external` of an arm say.
+    vary : name -> (N, ...) of numbers that differ between rollouts: "controller.beta_1", "controller.gains.K_p", "plant.viscous",
+        "payloads.0.payload.mass", "controller.noise.seed" of `with_noise`; "plant.arm.inertial" (N, n, 10), "plant.arm.armature"
+        (N, n) and "plant.arm.gravity" (N, 3) as for `TracedArm`. Other values of the same names compile nothing anew.
+    metrics : variable -> reducers of "max" and "min" (of the magnitude), "rms", "mean", "last", over the control samples until
+        the end or the failure; None for `DEFAULT_METRICS`. Variables are what the controller logs, and "t", "q", "v", "tau" and
+        "tool_position".
+    log : variables to return over time, every so many samples; after a failure NaN.
+    signals : see `Signals`: more variables, computed of the others.
+    threads : None for as many as there are processors. Results do not depend on it.
+    progress : told the share done, 0 to 1.
+
+    Returns
+    -------
+    Dataset over ``rollout`` (and ``time`` s): ``<variable>_<reducer>``; logged variables; ``q_end``, ``v_end``; ``work`` J of the
+    motors; ``failed_at`` s, the time of the last good physics step of a rollout that ran away, NaN for one that did not.
+    Attribute ``engine`` says what ran.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, names that there are not, numbers that are not finite.
+    TracingError
+        A controller that cannot be traced; the operation is named.
+    """
+    return rollouts(
+        plant, controller, duration, control_period, physics_step, step, payloads, from_rest, external,
+        tuple(vary or ()), metrics, tuple(log), every, signals,
+    )(q0, v0, vary, threads, progress)  # fmt: skip
+
+
+def rollouts(
+    plant: "Plant | Arm",
+    controller: Any,
+    duration: float,
+    control_period: float = 0.01,
+    physics_step: float = 0.001,
+    step: Callable[..., Any] = semi_implicit_euler,
+    payloads: Sequence[Any] = (),
+    from_rest: bool = False,
+    external: Any = None,
+    varied: Sequence[str] = (),
+    metrics: Mapping[str, Sequence[str]] | None = None,
+    log: Sequence[str] = (),
+    every: int = 1,
+    signals: Signals | None = None,
+) -> "Rollouts":
+    """What `rollout` runs, made once: call it with q0, v0, and values of the names ``varied``. Parameters as there."""
+    grid(duration, control_period, physics_step)
+    if (period := getattr(controller, "period", control_period)) != control_period:
+        raise ValueError(
+            f"control_period: expected the controller's own period, {period!r} s, got {control_period!r} s"
+        )
+    if not isinstance(every, int) or every < 1:
+        raise ValueError(f"every: expected a whole number of samples from 1 on, got {every!r}")
+    if metrics is None:
+        metrics = {name: kinds for name, kinds in DEFAULT_METRICS.items() if name in variables_of(controller)}
+    metrics = {name: (kinds,) if isinstance(kinds, str) else tuple(kinds) for name, kinds in metrics.items()}
+    objects = (plant, controller, step, external, signals, *payloads)
+    times = (duration, control_period, physics_step, from_rest, every)
+    key = (tuple(map(id, objects)), times, tuple(varied), tuple(metrics.items()), tuple(log))
+    if key not in _recent:
+        schedule = PayloadSchedule(payloads, duration)
+        bare = Plant(plant) if isinstance(plant, Arm) else plant
+        setup = Setup(bare, controller, external, schedule, from_rest, step, physics_step, signals or {})
+        made = Rollouts(setup, duration, control_period, tuple(varied), metrics, tuple(log), every)
+        _recent[key] = made, objects  # which stay alive, so that their ids stay theirs
+        while len(_recent) > RECENT:
+            _recent.popitem(last=False)
+    _recent.move_to_end(key)
+    return _recent[key][0]
+
+
+RECENT = 8  # traced loops that are kept for the next call
+_recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
+
+
+@dataclass
+class Rollouts:
+    """A closed loop ready to run, for any number of rollouts. Made by `rollouts`."""
+
+    setup: Setup
+    duration: float
+    period: float
+    varied: tuple[str, ...]
+    metrics: Mapping[str, Sequence[str]]
+    logged: tuple[str, ...]
+    every: int
+    loop: ClosedLoop = field(init=False)
+    engine: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.samples, self.substeps = grid(self.duration, self.period, self.setup.physics_step)
+        controller = self.setup.controller
+        self._state = None
+        if not hasattr(controller, "initial"):
+            still = np.zeros(self.setup.plant.arm.n)
+            self._state = controller.start(still, still, self.duration)
+        self.loop = traced(self.setup, self.varied, self.metrics, self.logged, self._state)
+        made = compiler()
+        self.engine = Kernel(self.loop, made) if made else Interpreter(self.loop)
+        times = np.arange(self.samples + 1) * self.period
+        self._law_shared = self.loop.law_tables.shared_values(times)
+        steps = (times[:-1, None] + np.arange(self.substeps) * self.setup.physics_step).ravel()
+        self._physics_shared = self.loop.physics_tables.shared_values(steps)
+        self._weights, self._change = self._payload_plan(times)
+
+    def __call__(
+        self,
+        q0: np.ndarray,
+        v0: np.ndarray | None = None,
+        vary: Mapping[str, Any] | None = None,
+        threads: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> xr.Dataset:
+        """As `rollout`, for the names that it was made for."""
+        vary = dict(vary or {})
+        if set(vary) != set(self.varied):
+            raise ValueError(
+                f"vary: expected values of {', '.join(self.varied) or 'nothing'}, got {', '.join(vary) or 'nothing'}"
+            )
+        n = self.loop.n
+        given: dict[str, tuple[Any, tuple[int, ...]]] = {
+            "q0": (q0, (n,)),
+            "v0": (np.zeros(n) if v0 is None else v0, (n,)),
+        }
+        given |= {name: (vary[name], self.loop.parameters[name]) for name in self.varied}
+        values, count = batches(given)
+        self._check_first({name: values[name] for name in self.varied})
+        W = self.engine.lanes
+        blocks = -(-count // W)
+        columns = [rows_of(values[name], count) for name in ("q0", "v0", *self.varied)]
+        if self._state is not None:
+            columns.append(self._given_states(values, count))
+        inputs = in_lanes(columns, blocks, W)
+        seeds = np.zeros((blocks, len(self.loop.law_tables.noise), W), dtype=np.int64)
+        for k, (name, _, _) in enumerate(self.loop.law_tables.noise):
+            seeds[:, k] = in_lanes([rows_of(values[name], count)], blocks, W)[:, 0]
+        rows = self.samples // self.every + 1 if self.logged else 0
+        results = np.empty((blocks, 2 * n + len(self.loop.reducers) + REST, W))
+        log = np.empty((blocks, rows, sum(int(np.prod(shape)) for _, shape in self.loop.logged), W))
+        plan = Plan(
+            self.samples, self.substeps, self.every, rows, self.period, self.setup.physics_step, RUNAWAY,
+            self._law_shared, self._physics_shared, self._weights, self._change,
+        )  # fmt: skip
+        self._in_threads(plan, (inputs, seeds, results, log), threads, progress)
+        found = dataset(
+            self.loop, self.setup.plant.arm, variables_of(self.setup.controller), by_rollout(results, count),
+            by_rollout(log, count), self.every * self.period,
+        )  # fmt: skip
+        return found.assign_attrs(engine=str(self.engine))
+
+    def _in_threads(self, plan: Plan, arrays: tuple[np.ndarray, ...], threads: int | None, progress: Any) -> None:
+        blocks = len(arrays[0])
+        threads = threads or processors()
+        count = max(4 * threads if threads > 1 else 1, 20 if progress else 1)  # so that nobody waits long for the last
+        edges = np.unique(np.linspace(0, blocks, min(blocks, count) + 1).astype(int))
+        pieces = [slice(a, b) for a, b in pairwise(edges)]
+        if threads == 1 or len(pieces) == 1:
+            for k, piece in enumerate(pieces):
+                self.engine(plan, *(a[piece] for a in arrays))
+                if progress:
+                    progress((k + 1) / len(pieces))
+            return
+        with ThreadPoolExecutor(threads) as pool:  # the native function leaves the interpreter to others
+            running = [pool.submit(self.engine, plan, *(a[piece] for a in arrays)) for piece in pieces]
+            try:
+                for k, done in enumerate(as_completed(running)):
+                    done.result()
+                    if progress:
+                        progress((k + 1) / len(pieces))
+            except BaseException:
+                for one in running:
+                    one.cancel()
+                raise
+
+    def _payload_plan(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of the payloads, one row a change, and for each sample which row; negative where something is gripped."""
+        schedule, half = self.setup.schedule, self.period / 2
+        change = np.zeros(len(times), dtype=np.int32)
+        rows: list[np.ndarray] = []
+        before = np.zeros(len(schedule.changes))
+        for k, t in enumerate(times):
+            shares = schedule.shares(t + half)
+            if (shares != before).any():
+                new = schedule.gripped_shares(t - half, t + half)
+                rows.append(np.concatenate([shares, new]))
+                change[k] = -len(rows) if self.setup.from_rest and new.any() else len(rows)
+                before = shares
+        return np.array(rows, dtype=float).reshape(len(rows), 2 * len(schedule.changes)), change
+
+    def _check_first(self, values: Mapping[str, np.ndarray]) -> None:
+        """The first rollout's numbers, as controller and plant check their own."""
+        for root, x in (("plant", self.setup.plant), ("controller", self.setup.controller)):
+            mine = {
+                name.partition(".")[2]: value[0] if value[0].ndim else float(value[0])
+                for name, value in values.items()
+                if name.startswith(f"{root}.") and name.rpartition(".")[2] not in ARM
+            }
+            if mine:
+                replaced(x, mine)
+
+    def _given_states(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        """(count, size): what the controller starts from, asked for one by one where it may differ."""
+        mine = [name for name in self.varied if name.startswith("controller.") and name.rpartition(".")[2] not in ARM]
+        if not mine and len(values["q0"]) == len(values["v0"]) == 1:
+            state = self.setup.controller.start(values["q0"][0], values["v0"][0], self.duration)
+            return np.broadcast_to(np.array(self.loop.state.flat(state), dtype=float), (count, self.loop.state.size))
+        out = np.empty((count, self.loop.state.size))
+        for i in range(count):
+            own = {name.partition(".")[2]: values[name][i % len(values[name])] for name in mine}
+            controller = replaced(self.setup.controller, {k: x if x.ndim else float(x) for k, x in own.items()})
+            q, v = (values[name][i % len(values[name])] for name in ("q0", "v0"))
+            out[i] = self.loop.state.flat(controller.start(q, v, self.duration))
+        return out
+
+
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,149 @@
+"""Controllers, plants and the world around them made traceable: arms that take symbols, functions of time as tables."""
+
+import copy
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, is_dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from k1607_pin.arm.arm import Arm
+from k1607_pin.compiled.leaves import Layout, substituted
+from k1607_pin.compiled.traced_arm import TracedArm
+from k1607_pin.compiled.traced_regressor import TracedRegressor
+from k1607_pin.control.baselines import Regressor
+from k1607_pin.simulation.noise import WhiteNoise
+
+
+class TracingError(TypeError):
+    """Something that cannot be compiled, and which operation stands in the way."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A function of time that symbols stand for: evaluated at every sample before a run, the same for all lanes."""
+
+    name: str
+    fun: Callable[[float], Any]
+    at: ca.Function
+    """Time of the sample [s] -> the time that the function is asked for"""
+    layout: Layout
+    first: int
+    """Of its symbols among those of all tables"""
+
+    def values(self, times: np.ndarray) -> np.ndarray:
+        """(len(times), size)"""
+        asked = self.at(times[None, :]).full().ravel()
+        rows = [self.layout.flat(self.fun(float(t))) for t in asked]
+        return np.array(rows, dtype=float).reshape(len(times), self.layout.size)
+
+
+class Tracer:
+    """What one traced function takes besides states and parameters: time, tables of functions of time, noise of its lane."""
+
+    def __init__(self, name: str) -> None:
+        self.time = symbol_array(f"{name}_t", (1,))
+        self._sx_time = self.time._v
+        self.tables: list[Table] = []
+        self.table_symbols: list[Any] = []
+        self.noise: list[tuple[str, WhiteNoise, Any]] = []
+        """Name of its seed, source, and symbols (size,)"""
+
+    def stand_in(self, x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
+        """What `substituted` is to put in the place of x; None for looking inside."""
+        if isinstance(x, Arm):
+            return TracedArm(x, **{key.rpartition(".")[2]: value for key, value in symbols.items()})
+        if isinstance(x, Regressor):
+            return TracedRegressor(TracedArm(x.arm))
+        if isinstance(x, WhiteNoise) and f"{name}.seed" in symbols:
+            values = symbol_array(name, (x.size,))
+            self.noise.append((f"{name}.seed", x, values))
+            return lambda t: values
+        inside = None
+        if is_dataclass(x) and not isinstance(x, type) and (callable(x) or hasattr(x, "of_time")):
+            inside = copy.copy(x)
+            for key, child in vars(x).items():
+                object.__setattr__(inside, key, substituted(child, symbols, self.stand_in, f"{name}.{key}"))
+            for key in () if symbols else getattr(x, "of_time", ()):
+                object.__setattr__(inside, key, _OfTime(self, f"{name}.{key}", getattr(x, key), None))
+        if callable(x) and not isinstance(x, type) and not symbols:
+            return _OfTime(self, name, x, inside)
+        return inside
+
+    def table(self, name: str, fun: Callable[[float], Any], t: Any) -> Any:
+        """Symbols for fun(t), laid out as fun(0) is."""
+        at = ca.Function("at", [self._sx_time], [ca.SX(getattr(t, "_v", t))], {"allow_free": True})
+        if at.has_free():
+            raise TracingError(f"{name}: expected to be called at a time, got {t}, which depends on {at.get_free()}")
+        for table, symbols in zip(self.tables, self.table_symbols, strict=True):
+            if table.name == name and ca.is_equal(table.at(self._sx_time), at(self._sx_time), 10):
+                return table.layout.rebuilt(symbols)
+        layout = Layout(fun(0.0))
+        first = sum(table.layout.size for table in self.tables)
+        self.tables.append(Table(name, fun, at, layout, first))
+        self.table_symbols.append(symbol_array(name, (layout.size,)))
+        return layout.rebuilt(self.table_symbols[-1])
+
+    @property
+    def size(self) -> int:
+        """How many numbers `shared_inputs` are."""
+        return 1 + sum(table.layout.size for table in self.tables)
+
+    def shared_inputs(self) -> Any:
+        """(1 + k, 1) SX: the time and what all tables give."""
+        return ca.vertcat(self._sx_time, *(x._v if hasattr(x, "_v") else x for x in map(_column, self.table_symbols)))
+
+    def shared_values(self, times: np.ndarray) -> np.ndarray:
+        """(len(times), 1 + k), what `shared_inputs` stands for."""
+        return np.concatenate([times[:, None], *(table.values(times) for table in self.tables)], axis=1)
+
+
+@dataclass(frozen=True)
+class _OfTime:
+    """A callable within something traced: a table where it is asked for a time alone, else traced through."""
+
+    tracer: Tracer
+    name: str
+    fun: Callable[..., Any]
+    inside: Any
+    """The same with stand-ins for what it holds, or None"""
+
+    def __call__(self, t: Any, *rest: Any) -> Any:
+        if not rest:
+            return self.tracer.table(self.name, self.fun, t)
+        with explained(self.name):
+            return (self.inside or self.fun)(t, *rest)
+
+    def __getattr__(self, key: str) -> Any:
+        if key.startswith("__"):
+            raise AttributeError(key)
+        return getattr(self.inside if self.inside is not None else self.fun, key)
+
+
+def symbol_array(name: str, shape: tuple[int, ...]) -> Any:
+    """A traced array; in NumPy mode only."""
+    return np.reshape(ca.array(ca.SX.sym(name, int(np.prod(shape))))[:, 0], shape)
+
+
+def _column(x: Any) -> Any:
+    return np.reshape(x, (-1, 1)) if np.shape(x)[0] else ca.SX(0, 1)
+
+
+@contextmanager
+def explained(name: str) -> Iterator[None]:
+    """What goes wrong with symbols, told with the operation and the line that cannot be traced."""
+    try:
+        yield
+    except TracingError:
+        raise
+    except Exception as error:
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if "casadi" not in f.filename]
+        where = f"{frames[-1].filename}:{frames[-1].lineno}: {frames[-1].line}" if frames else "its code"
+        reason = str(error).strip().splitlines()[-1] if str(error) else type(error).__name__
+        hint = ""
+        if "truth value" in str(error):
+            hint = " (a Python condition on a traced number; use np.where)"
+        raise TracingError(f"{name}: cannot be compiled: {where}: {reason}{hint}") from error
