@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from k1607_pin.description.dh import exact
-from k1607_pin.dynamics.rigid_body import Body
+from k1607_pin.dynamics.rigid_body import Body, second_moments
 
 
 def bodies(model: pin.Model) -> list[Body]:
@@ -28,7 +28,7 @@ def bodies(model: pin.Model) -> list[Body]:
                 revolute=revolute,
                 mass=float(inertia.mass),
                 moment=inertia.mass * inertia.lever,
-                inertia=pin.Symmetric3(inertia.toDynamicParameters()[4:]).matrix(),
+                second=second_moments(pin.Symmetric3(inertia.toDynamicParameters()[4:]).matrix()),
                 armature=float(model.armature[i - 1]),
             )
         )

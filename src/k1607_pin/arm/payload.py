@@ -84,5 +84,5 @@ def velocity_after_gripping(bare: Arm, after: Arm, gripped: Payload, q: np.ndarr
 
 
 def velocity_after_gripping_of(M: Any, newcomer: Any, v: Any) -> Any:
-    """(n,) rad/s, from mass matrices (n, n): M with all that is carried, and what of it ``newcomer``, at rest until then, adds."""
+    """(n,) rad/s from mass matrices (n, n): M with all that is carried, and what of it ``newcomer``, until then at rest, adds."""
     return solve_symmetric(M, (M - newcomer) @ v)

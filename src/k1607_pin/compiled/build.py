@@ -132,14 +132,18 @@ def library(text: str, made: Compiler) -> ctypes.CDLL:
     name = hashlib.sha256(key.encode()).hexdigest()[:32]
     folder = cache_folder()
     file = folder / f"{name}.so"
-    if not file.exists():
-        try:
+    try:
+        if not file.exists():
             folder.mkdir(parents=True, exist_ok=True)
             _build(text, made, file)
-        except (PermissionError, FileNotFoundError, NotADirectoryError):  # a home that may not be written
-            file = Path(tempfile.mkdtemp(prefix="k1607-pin-")) / f"{name}.so"
-            _build(text, made, file)
-    return ctypes.CDLL(str(file))
+    except (PermissionError, FileNotFoundError, NotADirectoryError):  # a home that may not be written
+        file = Path(tempfile.mkdtemp(prefix="k1607-pin-")) / file.name
+        _build(text, made, file)
+    try:
+        return ctypes.CDLL(str(file))
+    except OSError:  # damaged
+        _build(text, made, file)
+        return ctypes.CDLL(str(file))
 
 
 def _build(text: str, made: Compiler, file: Path) -> None:

@@ -13,7 +13,7 @@ from k1607_pin.compiled.program import Program, hoisted, program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.tracer import Tracer, TracingError, explained, symbol_array
-from k1607_pin.dynamics.rigid_body import rigidly_carried
+from k1607_pin.dynamics.rigid_body import inertia_from, rigidly_carried
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import PayloadSchedule
 
@@ -303,7 +303,8 @@ def _flat_mass(arm: TracedArm, payload: Any, q: Any) -> list[Any]:
 def _parameters_of(payload: Any, arm: TracedArm) -> list[Any]:
     """Ten inertial parameters, in the joint frame that carries the tool."""
     _, offset, rotation = arm._place(None)
-    mass, moment, inertia = rigidly_carried(payload.mass, payload.cg, payload.inertia, offset, rotation)
+    mass, moment, second = rigidly_carried(payload.mass, payload.cg, payload.inertia, offset, rotation)
+    inertia = inertia_from(second)
     upper = [inertia[0, 0], inertia[0, 1], inertia[1, 1], inertia[0, 2], inertia[1, 2], inertia[2, 2]]
     return [mass, moment[0], moment[1], moment[2], *upper]
 

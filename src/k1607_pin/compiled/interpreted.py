@@ -1,7 +1,7 @@
 """Without a compiler: the same programs, run by CasADi's own interpreter for all rollouts at once. Correct, and slow."""
 
-import logging
 import warnings
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -10,8 +10,6 @@ from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.program import Program
 from k1607_pin.simulation.noise import standard_normal
-
-logger = logging.getLogger(__name__)
 
 WARNING = "no C compiler was found: rollouts run in CasADi's interpreter, some hundred times slower; see `k1607 doctor`"
 
@@ -24,7 +22,7 @@ class Interpreter:
     def __init__(self, loop: ClosedLoop) -> None:
         warnings.warn(WARNING, RuntimeWarning, stacklevel=2)
         self._loop = loop
-        self._functions = {name: _function(name, p) for name, p in loop.programs.items()}
+        self._functions = {name: function_of(name, p, INPUTS) for name, p in loop.programs.items()}
 
     def __str__(self) -> str:
         return "CasADi's interpreter"
@@ -112,13 +110,13 @@ class Interpreter:
         return [x.full() for x in (found if isinstance(found, tuple | list) else (found,))]
 
 
-def _function(name: str, p: Program) -> tuple[ca.Function, set[str]]:
+def function_of(name: str, p: Program, inputs: Sequence[str]) -> tuple[ca.Function, set[str]]:
     """The program as a CasADi function again, and which of the inputs it takes."""
     taken: dict[int, int] = {}  # input -> how many of its elements, up to the last that is used
     for node in p.nodes:
         if node.op == "input":
             taken[node.place[0]] = max(taken.get(node.place[0], 0), node.place[1] + 1)
-    symbols = [ca.SX.sym(key, taken.get(k, 1)) for k, key in enumerate(INPUTS)]
+    symbols = [ca.SX.sym(key, taken.get(k, 1)) for k, key in enumerate(inputs)]
     values: list[ca.SX] = []
     for node in p.nodes:
         if node.op == "const":
@@ -129,4 +127,4 @@ def _function(name: str, p: Program) -> tuple[ca.Function, set[str]]:
             code, a = getattr(ca, f"OP_{node.op.upper()}"), [values[i] for i in node.args]
             values.append(ca.SX.unary(code, *a) if len(a) == 1 else ca.SX.binary(code, *a))
     outputs = [ca.vertcat(*(ca.densify(values[i]) for i in output)) if output else ca.SX(0, 1) for output in p.outputs]
-    return ca.Function(name, symbols, outputs), {INPUTS[k] for k in taken}
+    return ca.Function(name, symbols, outputs), {inputs[k] for k in taken}

@@ -15,7 +15,6 @@ SHARED = INPUTS.index("shared")
 
 def source(loop: ClosedLoop, lanes: int) -> str:
     """C of the whole kernel, for ``lanes`` side by side."""
-    text = files("k1607_pin.compiled")
     noise = [source.size for _, source, _ in loop.law_tables.noise]
     programs = loop.programs
     sizes = {
@@ -46,8 +45,13 @@ def source(loop: ClosedLoop, lanes: int) -> str:
     lines.append(f"static const double metric_start[NM + 1] = {{{', '.join(map(emit.literal, [*start, 0.0]))}}};")
     lines.append(f"static const int noise_size[NSEED + 1] = {{{', '.join(map(str, [*noise, 0]))}}};")
     functions = [emit.function(name, p, len(INPUTS), (SHARED,)) for name, p in programs.items()]
-    parts = [(text / "lanes.h").read_text(), "\n".join(lines[1:]), *functions, (text / "driver.c").read_text()]
+    parts = [resource("lanes.h"), "\n".join(lines[1:]), *functions, resource("driver.c")]
     return "\n".join([lines[0], *parts])
+
+
+def resource(name: str) -> str:
+    """A C text of this package."""
+    return (files("k1607_pin.compiled") / name).read_text()
 
 
 class _Plan(ctypes.Structure):

@@ -65,7 +65,7 @@ _UNARY = {
 
 
 def simplified(p: Program) -> Program:
-    """The same with one division for many by the same number, no bounds at infinity, and nothing that is not used."""
+    """The same with one division for many by the same number, and nothing that is not used."""
     divisors = Counter(node.args[1] for node in p.nodes if node.op == "div")
     new: list[Node] = []
     renamed: list[int] = []
@@ -80,9 +80,7 @@ def simplified(p: Program) -> Program:
 
     for node in p.nodes:
         args = tuple(renamed[i] for i in node.args)
-        if node.op in ("fmin", "fmax") and (kept := _within_infinity(node.op, args, new)) is not None:
-            renamed.append(kept)
-        elif node.op == "inv" or (node.op == "div" and divisors[node.args[1]] > 1):
+        if node.op == "inv" or (node.op == "div" and divisors[node.args[1]] > 1):
             if args[-1] not in inverses:
                 inverses[args[-1]] = add(Node("inv", args[-1:]))
             inverse = inverses[args[-1]]
@@ -90,15 +88,6 @@ def simplified(p: Program) -> Program:
         else:
             renamed.append(add(node._replace(args=args)))
     return needed(new, [[renamed[i] for i in output] for output in p.outputs])
-
-
-def _within_infinity(op: str, args: tuple[int, ...], nodes: Sequence[Node]) -> int | None:
-    """The argument that min or max with an infinity always gives."""
-    far = float("inf") if op == "fmin" else float("-inf")
-    for one, other in (args, args[::-1]):
-        if nodes[one].op == "const" and nodes[one].value == far:
-            return other
-    return None
 
 
 def needed(nodes: Sequence[Node], outputs: Iterable[Sequence[int]]) -> Program:

@@ -1,5 +1,6 @@
 """Many closed loops at once, natively: the same definitions as `simulate`, traced and compiled."""
 
+import hashlib
 import logging
 import os
 from collections import OrderedDict
@@ -16,7 +17,7 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import compiler
 from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals, traced
 from k1607_pin.compiled.interpreted import Interpreter
-from k1607_pin.compiled.kernel import Kernel
+from k1607_pin.compiled.kernel import Kernel, source
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, rows_of
 from k1607_pin.compiled.leaves import replaced
 from k1607_pin.compiled.plan import Plan
@@ -139,6 +140,11 @@ RECENT = 8  # traced loops that are kept for the next call
 _recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
 
 
+def forget() -> None:
+    """Let go of what has been traced."""
+    _recent.clear()
+
+
 @dataclass
 class Rollouts:
     """A closed loop ready to run, for any number of rollouts. Made by `rollouts`."""
@@ -169,6 +175,20 @@ class Rollouts:
         self._physics_shared = self.loop.physics_tables.shared_values(steps)
         self._weights, self._change = self._payload_plan(times)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Its recipe: made anew where it is unpickled, with the library from that machine's cache."""
+        return type(self), (
+            self.setup, self.duration, self.period, self.varied, self.metrics, self.logged, self.every
+        )  # fmt: skip
+
+    def fingerprint(self) -> str:
+        """Another one for every closed loop that computes something else."""
+        made = hashlib.sha256(source(self.loop, 1).encode())
+        for x in (self._law_shared, self._physics_shared, self._weights, self._change):
+            made.update(np.ascontiguousarray(x).tobytes())
+        made.update(repr((self.samples, self.substeps, self.every, self.period, self.setup.physics_step)).encode())
+        return made.hexdigest()[:32]
+
     def __call__(
         self,
         q0: np.ndarray,
@@ -179,6 +199,8 @@ class Rollouts:
     ) -> xr.Dataset:
         """As `rollout`, for the names that it was made for."""
         vary = dict(vary or {})
+        if threads is not None and (not isinstance(threads, int) or threads < 1):
+            raise ValueError(f"threads: expected a whole number from 1 on, got {threads!r}")
         if set(vary) != set(self.varied):
             raise ValueError(
                 f"vary: expected values of {', '.join(self.varied) or 'nothing'}, got {', '.join(vary) or 'nothing'}"

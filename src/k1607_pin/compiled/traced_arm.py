@@ -18,6 +18,7 @@ from k1607_pin.dynamics.rigid_body import (
     point_jacobian,
     point_jacobian_rate,
     point_pose,
+    second_moments,
 )
 
 NEGLIGIBLE = 1e-15
@@ -152,23 +153,21 @@ def _parameters(p: Any) -> dict[str, Any]:
     """Fields of a `Body` from (10,)."""
     xx, xy, yy, xz, yz, zz = (p[k] for k in range(4, 10))
     inertia = np.stack([np.stack([xx, xy, xz]), np.stack([xy, yy, yz]), np.stack([xz, yz, zz])])
-    return {"mass": p[0], "moment": p[1:4], "inertia": inertia}
+    return {"mass": p[0], "moment": np.stack([p[1], p[2], p[3]]), "second": second_moments(inertia)}
 
 
 def _without_rounding(bodies: list[Body]) -> list[Body]:
     """Numbers freed of what is negligible, so that it folds away; symbols as they are."""
     if any(
-        not isinstance(x, int | float | np.ndarray) for body in bodies for x in (body.mass, body.moment, body.inertia)
+        not isinstance(x, int | float | np.ndarray) for body in bodies for x in (body.mass, body.moment, body.second)
     ):
         return bodies
-    scales = [
-        max(float(np.abs(getattr(body, name)).max()) for body in bodies) for name in ("mass", "moment", "inertia")
-    ]
+    scales = [max(float(np.abs(getattr(body, name)).max()) for body in bodies) for name in ("mass", "moment", "second")]
     return [
         body._replace(
             mass=_kept(body.mass, scales[0]),
             moment=_kept(body.moment, scales[1]),
-            inertia=_kept(body.inertia, scales[2]),
+            second=_kept(body.second, scales[2]),
         )
         for body in bodies
     ]

@@ -1,9 +1,9 @@
-"""The inertial parameters that matter: what is symmetric about its joint may as well belong to the parent.
+"""The inertial parameters that matter: what lies on a joint's axis may as well belong to the parent.
 
-A revolute joint does not move its own axis, so that a body of mass m, with its moment along the axis and an inertia
-t (1 - a a^T), a the axis, acts on the rest alike whether it turns with the joint or stays with the parent; a prismatic joint does
-not turn what it carries, whose inertia about the joint frame's origin may be the parent's. Moved there, they leave zeros behind
-(Gautier and Khalil, IEEE Trans. Robotics and Automation 6(3), 1990): the same joint forces for a sixth fewer operations.
+A revolute joint does not move its own axis, so that masses along it act on the rest alike whether they turn with the joint or
+stay with the parent; a prismatic joint does not turn what it carries, whose second moments about the joint frame's origin may be
+the parent's. Moved there, they leave zeros behind (Gautier and Khalil, IEEE Trans. Robotics and Automation 6(3), 1990): the same
+joint forces for a sixth fewer operations.
 """
 
 from collections.abc import Sequence
@@ -22,22 +22,20 @@ def base_parameters(bodies: Sequence[Body]) -> list[Body]:
     moved = list(bodies)
     for i in reversed(range(len(bodies))):
         body = moved[i]
-        mass, moment, inertia = _movable(body)
-        moved[i] = body._replace(mass=body.mass - mass, moment=body.moment - moment, inertia=body.inertia - inertia)
+        mass, moment, second = _movable(body)
+        moved[i] = body._replace(mass=body.mass - mass, moment=body.moment - moment, second=body.second - second)
         if body.parent >= 0:
             parent = moved[body.parent]
-            m, h, I = in_parent(body, np.eye(3), body.translation, mass, moment, inertia)
+            m, h, S = in_parent(body, np.eye(3), body.translation, mass, moment, second)
             moved[body.parent] = parent._replace(
-                mass=parent.mass + m, moment=parent.moment + h, inertia=parent.inertia + I
+                mass=parent.mass + m, moment=parent.moment + h, second=parent.second + S
             )
     return moved
 
 
 def _movable(body: Body) -> tuple[Any, Any, Any]:
-    """Mass, first moment (3,) and inertia (3, 3) about the joint frame that may go to the parent."""
+    """Mass, first moment (3,) and second moments (3, 3) that may go to the parent: a thin rod along a revolute joint's axis."""
     if not body.revolute:
-        return 0.0, np.zeros(3), body.inertia
+        return 0.0, np.zeros(3), body.second
     a = body.axis
-    across = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
-    across = across / np.linalg.norm(across)
-    return body.mass, a * (a @ body.moment), (across @ body.inertia @ across) * (np.eye(3) - np.outer(a, a))
+    return body.mass, a * (a @ body.moment), (a @ body.second @ a) * np.outer(a, a)

@@ -30,13 +30,34 @@ class Body(NamedTuple):
     revolute: bool
     """Whether the joint turns about the axis (else it slides along it)."""
     mass: Any
-    """kg; this, moment, inertia and armature may be symbols."""
+    """kg; this, moment, second and armature may be symbols."""
     moment: Any
     """(3,) kg m, mass times centre of gravity, in the joint frame."""
-    inertia: Any
-    """(3, 3) kg m^2 about the joint frame's origin, in its axes."""
+    second: Any
+    """(3, 3) kg m^2 second moments, the integral of r r^T dm over the body, about the joint frame's origin and in its axes; see
+    `second_moments`."""
     armature: Any
     """kg m^2 (kg for a prismatic joint): reflected rotor inertia."""
+
+
+def second_moments(inertia: Any) -> Any:
+    """(3, 3) kg m^2 from the inertia (3, 3) about the same point: tr(I)/2 - I.
+
+    Steiner's theorem and the moments of a turning body are shorter in these.
+    """
+    return np.trace(inertia) / 2 * np.eye(3) - inertia
+
+
+def inertia_from(second: Any) -> Any:
+    """(3, 3) kg m^2, the inverse of `second_moments`: tr(S) - S."""
+    S, xy, xz, yz = second, -second[0, 1], -second[0, 2], -second[1, 2]
+    return np.stack(
+        [
+            np.stack([S[1, 1] + S[2, 2], xy, xz]),
+            np.stack([xy, S[0, 0] + S[2, 2], yz]),
+            np.stack([xz, yz, S[0, 0] + S[1, 1]]),
+        ]
+    )
 
 
 class Motion(NamedTuple):
@@ -101,7 +122,7 @@ def inverse_dynamics(bodies: Sequence[Body], q: Any, v: Any, a: Any, gravity: An
         accelerations.append(A)
         spreads.append(_spread(w, dw))
         forces.append(body.mass * A + spreads[i] @ body.moment)
-        moments.append(body.inertia @ dw + np.cross(w, body.inertia @ w) + np.cross(body.moment, A))
+        moments.append(_moment_of(spreads[i] @ body.second) + np.cross(body.moment, A))
     torques: list[Any] = [None] * len(bodies)
     for i in reversed(range(len(bodies))):
         body = bodies[i]
@@ -116,13 +137,13 @@ def inverse_dynamics(bodies: Sequence[Body], q: Any, v: Any, a: Any, gravity: An
 def mass_matrix(bodies: Sequence[Body], q: Any) -> Any:
     """(n, n) kg m^2, armature included, by composite rigid bodies."""
     turns, offsets = _joints(bodies, q)
-    composite = [(body.mass, body.moment, body.inertia) for body in bodies]
+    composite = [(body.mass, body.moment, body.second) for body in bodies]
     n = len(bodies)
     rows: list[list[Any]] = [[0 * q[0]] * n for _ in range(n)]
     for i in reversed(range(n)):
-        body, (mass, moment, inertia) = bodies[i], composite[i]
+        body, (mass, moment, second) = bodies[i], composite[i]
         if body.revolute:  # the force that unit acceleration of the joint takes
-            f, m = np.cross(body.axis, moment), inertia @ body.axis
+            f, m = np.cross(body.axis, moment), inertia_from(second) @ body.axis
         else:
             f, m = mass * body.axis, np.cross(moment, body.axis)
         rows[i][i] = body.axis @ (m if body.revolute else f) + body.armature
@@ -143,31 +164,30 @@ def forward_dynamics(bodies: Sequence[Body], q: Any, v: Any, tau: Any, gravity: 
     return solve_symmetric(mass_matrix(bodies, q), tau - bias)
 
 
-def in_parent(body: Body, turn: Any, offset: Any, mass: Any, moment: Any, inertia: Any) -> tuple[Any, Any, Any]:
-    """Mass, first moment (3,) and inertia (3, 3) that ``body`` carries, from its joint frame to its parent's.
+def in_parent(body: Body, turn: Any, offset: Any, mass: Any, moment: Any, second: Any) -> tuple[Any, Any, Any]:
+    """Mass, first moment (3,) and second moments (3, 3) that ``body`` carries, from its joint frame to its parent's.
 
     turn : (3, 3) of the joint; offset : (3,) m, the joint frame's origin in the parent.
     """
     R = body.rotation
-    return moved(mass, R @ (turn @ moment), R @ (turn @ inertia @ turn.T) @ R.T, offset)
+    return moved(mass, R @ (turn @ moment), R @ _turned(second, turn, body.axis) @ R.T, offset)
 
 
-def moved(mass: Any, moment: Any, inertia: Any, offset: Any) -> tuple[Any, Any, Any]:
-    """Mass, first moment (3,) and inertia (3, 3) of a body shifted by ``offset`` (3,) m, about where the origin stays.
+def moved(mass: Any, moment: Any, second: Any, offset: Any) -> tuple[Any, Any, Any]:
+    """Mass, first moment (3,) and second moments (3, 3) of a body shifted by ``offset`` (3,) m, about where the origin stays.
 
     Steiner's theorem, from a point that need not be the centre of gravity.
     """
-    mp, product = mass * offset, np.outer(offset, moment)
-    steiner = (2 * (offset @ moment) + mp @ offset) * np.eye(3) - product - product.T - np.outer(mp, offset)
-    return mass, moment + mp, inertia + steiner
+    product, mp = np.outer(offset, moment), mass * offset
+    return mass, moment + mp, _symmetric(second + product + product.T + np.outer(mp, offset))
 
 
 def rigidly_carried(mass: Any, cg: Any, inertia: Any, offset: Any, rotation: Any) -> tuple[Any, Any, Any]:
-    """Mass, first moment (3,) and inertia (3, 3) about a joint frame, of a body given in a frame fixed there.
+    """Mass, first moment (3,) and second moments (3, 3) about a joint frame, of a body given in a frame fixed there.
 
     cg : (3,) m; inertia : (3, 3) kg m^2 about the cg; offset (3,) m and rotation (3, 3) : that frame in the joint's.
     """
-    return moved(mass, 0 * cg, rotation @ inertia @ rotation.T, offset + rotation @ cg)
+    return moved(mass, 0 * cg, rotation @ second_moments(inertia) @ rotation.T, offset + rotation @ cg)
 
 
 def coriolis_matrix(bodies: Sequence[Body], q: Any, v: Any) -> Any:
@@ -261,6 +281,23 @@ def _handed_down(body: Body, turn: Any, offset: Any, f: Any, m: Any) -> tuple[An
     return f, m + np.cross(offset, f)
 
 
+def _symmetric(A: Any) -> Any:
+    """(3, 3) A by its upper half alone: traced, the lower half would be computed once more."""
+    xx, xy, xz, yy, yz, zz = A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2]
+    return np.stack([np.stack([xx, xy, xz]), np.stack([xy, yy, yz]), np.stack([xz, yz, zz])])
+
+
+def _turned(second: Any, turn: Any, axis: np.ndarray) -> Any:
+    """(3, 3) second moments after a turn about ``axis``: the trace stays, so that one entry is what the others leave."""
+    S = turn @ second @ turn.T
+    k = int(np.argmax(np.abs(axis)))
+    i, j = (k + 1) % 3, (k + 2) % 3
+    left = (second[i, i] + second[j, j] - S[i, i]) + (second[k, k] - S[k, k])
+    rows = [[S[a, b] for b in range(3)] for a in range(3)]
+    rows[j][j] = left
+    return np.stack([np.stack(row) for row in rows])
+
+
 def _spread(w: Any, dw: Any) -> Any:
     """(3, 3) dw x + w x w x"""
     xx, yy, zz, xy, xz, yz = w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2]
@@ -273,15 +310,19 @@ def _spread(w: Any, dw: Any) -> Any:
     )
 
 
+def _moment_of(P: Any) -> Any:
+    """(3,) moment of points that accelerate: twice the axial vector of P, the integral of a r^T dm."""
+    return np.stack([P[2, 1] - P[1, 2], P[0, 2] - P[2, 0], P[1, 0] - P[0, 1]])
+
+
 # Spatial algebra in base axes. An inertia is (mass, first moment (3,), rotational inertia (3, 3)) about the base origin.
 
 
 def _inertias(bodies: Sequence[Body], where: Motion) -> list[tuple[Any, Any, Any]]:
     inertias = []
     for body, R, o in zip(bodies, where.rotations, where.origins, strict=True):
-        h, product = R @ body.moment, np.outer(o, R @ body.moment)
-        steiner = (2 * (o @ h) + body.mass * (o @ o)) * np.eye(3) - product - product.T - body.mass * np.outer(o, o)
-        inertias.append((body.mass, h + body.mass * o, R @ body.inertia @ R.T + steiner))
+        mass, moment, second = moved(body.mass, R @ body.moment, R @ body.second @ R.T, o)
+        inertias.append((mass, moment, inertia_from(second)))
     return inertias
 
 

@@ -84,9 +84,10 @@ class NoisyMeasurement:
         """The law's state."""
         return self.law.start(q, v, duration)
 
-    def initial(self, q: Any, v: Any) -> Any:
-        """The law's state, unchecked."""
-        return self.law.initial(q, v)
+    @property
+    def initial(self) -> Any:
+        """The law's own, if it has one: q, v (n,) -> its state, unchecked."""
+        return self.law.initial
 
     def update(self, t: Any, q: Any, v: Any, state: Any) -> tuple[Any, Any, Mapping[str, Any]]:
         """The law's; what it logs is what it saw."""

@@ -1,0 +1,105 @@
+"""The build: what is found, what is kept, and what happens without a compiler."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import k1607_pin as k1607
+from k1607_pin.compiled import build
+from k1607_pin.compiled.rollout import forget
+
+pytestmark = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
+SETTINGS = {"duration": 0.1, "log": ("q", "tau", "K_p")}
+PAYLOADS = [(0.03, k1607.Payload(3.0, np.array([0.0, 0.1, 0.0])), 0.02), (0.08, k1607.Payload(0.0))]
+
+
+@pytest.fixture
+def fresh(monkeypatch, tmp_path):
+    """A cache folder of one's own; what was found and traced before is forgotten, before and after."""
+    monkeypatch.setenv("K1607_CACHE", str(tmp_path / "cache"))
+    build.compiler.cache_clear()
+    forget()
+    yield tmp_path / "cache"
+    build.compiler.cache_clear()
+    forget()
+
+
+@pytest.mark.parametrize("kind", ["AVX2", "plain"])
+def test_other_widths_agree_to_rounding(arm, law, q0, agrees, fresh, monkeypatch, kind):
+    if kind == "AVX2" and build.instructions() not in ("AVX2", "AVX-512"):
+        pytest.skip("no AVX2")
+    widest = k1607.rollout(arm, law, q0, payloads=PAYLOADS, **SETTINGS)
+    monkeypatch.setenv("K1607_INSTRUCTIONS", kind)
+    build.compiler.cache_clear()
+    forget()
+    other = k1607.rollout(arm, law, q0, payloads=PAYLOADS, **SETTINGS)
+    assert other.attrs["engine"].startswith(kind)
+    agrees(other, widest.isel(rollout=0), SETTINGS["log"], tolerance=1e-11)
+
+
+@pytest.mark.parametrize("from_rest", [False, True])
+def test_without_a_compiler_the_results_are_the_same(arm, law, q0, agrees, fresh, monkeypatch, from_rest):
+    vary = {"controller.beta_1": [0.0, 1e3, 1e4], "payloads.0.payload.mass": [1.0, 2.0, 3.0]}
+    settings = {**SETTINGS, "payloads": PAYLOADS, "from_rest": from_rest, "vary": vary}
+    native = k1607.rollout(arm, law, q0, **settings)
+    monkeypatch.setenv("K1607_COMPILER", "none")
+    build.compiler.cache_clear()
+    forget()
+    with pytest.warns(RuntimeWarning, match="no C compiler"):
+        interpreted = k1607.rollout(arm, law, q0, **settings)
+    assert "CasADi" in interpreted.attrs["engine"]
+    for i in range(3):
+        agrees(interpreted, native.isel(rollout=i), SETTINGS["log"], i, tolerance=1e-11)
+    for name in ("error_max", "error_rms", "tau_max", "work"):
+        np.testing.assert_allclose(interpreted[name], native[name], rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(interpreted.failed_at, native.failed_at)
+
+
+def test_unknown_instructions_are_refused(fresh, monkeypatch):
+    monkeypatch.setenv("K1607_INSTRUCTIONS", "MMX")
+    with pytest.raises(ValueError, match="K1607_INSTRUCTIONS: expected one of AVX-512"):
+        build.instructions()
+
+
+def test_built_once(arm, law, q0, fresh):
+    k1607.rollout(arm, law, q0, 0.05)
+    before = {file: file.stat().st_mtime_ns for file in fresh.iterdir()}
+    forget()
+    k1607.rollout(arm, law, q0 + 0.01, 0.1)  # of another start and length
+    assert {file: file.stat().st_mtime_ns for file in fresh.iterdir()} == before
+
+
+def test_many_processes_may_build_at_once(fresh):
+    code = (
+        "import ctypes; from k1607_pin.compiled import build; made = build.compiler();"
+        "lib = build.library('#define W 1\\nint seven(void) { return 7; }\\n' + '/* */' * 20000, made); print(lib.seven())"
+    )
+    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=os.environ) for _ in range(4)]
+    assert [p.communicate()[0].strip() for p in running] == [b"7"] * 4
+    assert all(file.suffix == ".so" for file in fresh.iterdir())
+
+
+def test_a_cache_that_may_not_be_written(arm, law, q0, fresh, monkeypatch):
+    monkeypatch.setenv("K1607_CACHE", "/proc/nowhere")
+    assert np.isnan(k1607.rollout(arm, law, q0, 0.05).failed_at).all()
+
+
+def test_a_damaged_file_in_the_cache_is_built_anew(arm, law, q0, fresh):
+    k1607.rollout(arm, law, q0, 0.05)
+    forget()
+    build.compiler.cache_clear()
+    for file in fresh.iterdir():
+        damaged = file.with_name("damaged")
+        damaged.write_bytes(file.read_bytes()[:100])
+        damaged.replace(file)  # loaded ones keep what they have
+    assert np.isnan(k1607.rollout(arm, law, q0, 0.05).failed_at).all()
+
+
+def test_what_the_compiler_says_is_told(fresh):
+    with pytest.raises(build.BuildError, match="error"):
+        build.library("this is no C", build.compiler())
+    assert not [file for file in Path(fresh).iterdir() if file.suffix != ".so"]

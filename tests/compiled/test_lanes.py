@@ -1,0 +1,87 @@
+"""The kernel's own sine, cosine, exponential and the rest against NumPy's, at every width that this machine has."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from k1607_pin.compiled import build, emit
+from k1607_pin.compiled.emit import LIBM
+from k1607_pin.compiled.kernel import resource
+
+WIDE = build.compiler()
+pytestmark = pytest.mark.skipif(WIDE is None, reason="no C compiler")
+HAVE = (
+    [WIDE.instructions, "AVX2", "plain"]
+    if WIDE and WIDE.instructions == "AVX-512"
+    else [WIDE.instructions, "plain"]
+    if WIDE
+    else []
+)
+KINDS = list(dict.fromkeys(HAVE))
+BINARY = {"fmin", "fmax", "pow", "atan2", "fmod", "hypot", "copysign"}
+NAMES = {
+    "fabs": "abs", "pow": "power", "atan2": "arctan2", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "asinh": "arcsinh",
+    "acosh": "arccosh", "atanh": "arctanh",
+}  # fmt: skip
+SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, 1e-300, -1e-300, 1e-8, 710.0, -750.0, 1e300, np.inf, -np.inf, np.nan])
+
+
+def made(kind):
+    command = [*WIDE.command[: -len(build.TARGETS[WIDE.instructions]) or None], *build.TARGETS[kind]]
+    return build.Compiler(tuple(command), build.WIDTHS[kind], kind, WIDE.version)
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def functions(request):
+    """Each of libm's functions by its lanes: name -> function of two arrays."""
+    compiler = made(request.param)
+    calls = []
+    for f in sorted(LIBM):
+        arguments = "*a, *b" if f in BINARY else "*a"
+        calls.append(f"void f_{f}(const V *a, const V *b, V *o) {{ (void)b; *o = v_{f}({arguments}); }}")
+    text = f"#define W {compiler.lanes}\n{resource('lanes.h')}\n" + "\n".join(calls)
+    found = build.library(text, compiler)
+
+    def call(name, x, y):
+        W = compiler.lanes
+        x, y = (np.concatenate([a, np.ones(-len(a) % W)]) for a in (x, y))
+        out = np.empty_like(x)
+        for k in range(0, len(x), W):
+            getattr(found, f"f_{name}")(*(ctypes.c_void_p(a[k : k + W].ctypes.data) for a in (x, y, out)))
+        return out
+
+    return call
+
+
+def expected(name, x, y):
+    with np.errstate(all="ignore"):
+        if name == "erf":
+            from scipy.special import erf
+
+            return erf(x)
+        fun = getattr(np, NAMES.get(name, name))
+        return fun(x, y) if name in BINARY else fun(x)
+
+
+@pytest.mark.parametrize("name", sorted(LIBM))
+def test_against_numpy(functions, name):
+    """To 3 units of the last place of the result, 8 for tanh, or of 1 for sine and cosine, whose angle is reduced."""
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.normal(size=800), rng.normal(size=800) * 30, rng.uniform(-1, 1, 800) ** 9, SPECIAL])
+    if name in ("sin", "cos", "tan"):
+        x = np.concatenate([x[np.abs(x) < 1e6], rng.uniform(-1e5, 1e5, 2000), np.arange(-60, 60) * np.pi / 4, [np.nan]])
+    y = rng.permutation(x)
+    ours, theirs = functions(name, x, y)[: len(x)], expected(name, x, y)
+    np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
+    np.testing.assert_array_equal(ours[np.isinf(theirs)], theirs[np.isinf(theirs)])
+    finite = np.isfinite(theirs)
+    scale = np.maximum(np.abs(theirs[finite]), 1.0 if name in ("sin", "cos") else 1e-307)
+    off = np.abs(ours[finite] - theirs[finite]) / scale
+    assert off.max() <= (8 if name == "tanh" else 3) * np.finfo(float).eps
+
+
+def test_literals_are_exact():
+    for x in (0.1, -1 / 3, 1e-300, np.pi, 5e-324):
+        assert float(emit.literal(x)) == x
+    assert (emit.literal(np.inf), emit.literal(-np.inf), emit.literal(np.nan)) == ("INFINITY", "-INFINITY", "NAN")

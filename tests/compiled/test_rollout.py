@@ -1,0 +1,281 @@
+"""Compiled rollouts are `simulate`, many at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import k1607_pin as k1607
+from k1607_pin.compiled.closed_loop import REDUCERS
+from k1607_pin.compiled.traced_arm import inertial_parameters
+from k1607_pin.control.adaptation import Gains
+from k1607_pin.simulation.integrators import runge_kutta_4, semi_implicit_euler
+from k1607_pin.simulation.noise import standard_normal, with_noise
+from k1607_pin.simulation.simulate import SimulationError
+
+PAYLOADS = [(0.1, k1607.Payload(4.5, np.array([0.02, -0.01, 0.05]))), (0.2, k1607.Payload(0.0))]
+LOGGED = ("q", "v", "tau", "tool_position", "error", "K_p", "K_d")
+
+
+@pytest.mark.parametrize("step", [semi_implicit_euler, runge_kutta_4])
+@pytest.mark.parametrize("from_rest", [False, True])
+def test_payloads_come_and_go(arm, law, step, from_rest, q0, agrees):
+    payloads = [(0.1, PAYLOADS[0][1]), (0.15, k1607.Payload(2.0), 0.05), (0.25, k1607.Payload(0.0), 0.02)]
+    settings = {"payloads": payloads, "from_rest": from_rest, "step": step}
+    run = k1607.rollout(arm, law, q0, 0.3, log=LOGGED, **settings)
+    reference = k1607.simulate(arm, law, q0, 0.3, **settings)
+    agrees(run, reference, LOGGED)
+    assert abs(run.work[0] - reference.work[-1]) < 1e-12
+    np.testing.assert_array_equal(run.q_end[0], run.q[0, -1])
+    assert np.isnan(run.failed_at[0])
+
+
+def test_friction_stops_and_limits(arm, law, q0, agrees):
+    upper = arm.upper.copy()
+    upper[:] = q0 + 0.01  # all stops are met
+    model = arm.model
+    model.upperPositionLimit = upper
+    close = k1607.Arm(model, arm.tool_frame)
+    plant = k1607.Plant(
+        close, viscous=np.full(7, 2.0), coulomb=np.full(7, 0.5), torque_limit=np.full(7, 30.0),
+        stop_stiffness=np.full(7, 200.0), stop_damping=np.full(7, 1.0),
+    )  # fmt: skip
+    run = k1607.rollout(plant, law, q0, 0.3, log=LOGGED, physics_step=2.5e-4)
+    reference = k1607.simulate(plant, law, q0, 0.3, physics_step=2.5e-4)
+    assert (np.abs(reference.tau) == 30).any()
+    assert (reference.q.values > upper).any()
+    agrees(run, reference, LOGGED)
+
+
+CASES = {
+    "controller.beta_1": lambda rng, arm, law: rng.uniform(0, 1e4, 5),
+    "controller.gains.K_p": lambda rng, arm, law: law.gains.K_p * rng.uniform(0.5, 1.5, (5, 1, 1)),
+    "controller.path.extent": lambda rng, arm, law: rng.uniform(-0.1, 0.1, (5, 3)),
+    "controller.model.P": lambda rng, arm, law: law.model.P * rng.uniform(0.5, 1.5, (5, 1, 1)),
+    "plant.viscous": lambda rng, arm, law: rng.uniform(0, 5, (5, 7)),
+    "plant.torque_limit": lambda rng, arm, law: rng.uniform(5, 50, (5, 7)),
+    "payloads.0.payload.mass": lambda rng, arm, law: rng.uniform(0, 9, 5),
+    "payloads.0.payload.cg": lambda rng, arm, law: rng.uniform(-0.1, 0.1, (5, 3)),
+    "plant.arm.armature": lambda rng, arm, law: arm.armature * rng.uniform(0.5, 2, (5, 7)),
+    "plant.arm.gravity": lambda rng, arm, law: rng.uniform(-9, 9, (5, 3)),
+    "plant.arm.inertial": lambda rng, arm, law: inertial_parameters(arm) * rng.uniform(0.7, 1.3, (5, 1, 1)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_each_number_may_differ_between_rollouts(arm, law, name, q0, agrees):
+    values = CASES[name](np.random.default_rng(0), arm, law)
+    run = k1607.rollout(arm, law, q0, 0.25, payloads=PAYLOADS, vary={name: values}, log=LOGGED)
+    assert len(np.unique(run.q_end, axis=0)) == 5
+    for i in (0, 4):
+        plant, controller, payloads = changed(name, values[i], k1607.Plant(arm), law)
+        agrees(run, k1607.simulate(plant, controller, q0, 0.25, payloads=payloads), LOGGED, i)
+
+
+def changed(name, value, plant, law):
+    """What a rollout with one number changed is a rollout of, by this package's other means."""
+    first, payload = PAYLOADS[0]
+    match name:
+        case "controller.beta_1":
+            law = replace(law, beta_1=value)
+        case "controller.gains.K_p":
+            law = replace(law, gains=Gains(value, law.gains.K_d))
+        case "controller.path.extent":
+            law = replace(law, path=replace(law.path, extent=value))
+        case "controller.model.P":
+            law = replace(law, model=replace(law.model, P=value))
+        case "plant.viscous":
+            plant = replace(plant, viscous=value)
+        case "plant.torque_limit":
+            plant = replace(plant, torque_limit=value)
+        case "payloads.0.payload.mass":
+            payload = k1607.Payload(value, payload.cg)
+        case "payloads.0.payload.cg":
+            payload = k1607.Payload(payload.mass, value)
+        case _:
+            model = plant.arm.model
+            if name.endswith("armature"):
+                model.armature = value
+            elif name.endswith("gravity"):
+                model.gravity.linear = value
+            else:
+                import pinocchio as pin
+
+                for i, parameters in enumerate(value):
+                    model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(parameters)
+            plant = k1607.Plant(k1607.Arm(model, plant.arm.tool_frame))
+    return plant, law, [(first, payload), PAYLOADS[1]]
+
+
+def test_starts_may_differ(arm, law, q0, agrees):
+    rng = np.random.default_rng(0)
+    starts, v0 = q0 + rng.normal(size=(3, 7), scale=0.05), rng.normal(size=(3, 7), scale=0.1)
+    run = k1607.rollout(arm, law, starts, 0.2, v0, log=LOGGED)
+    for i in range(3):
+        agrees(run, k1607.simulate(arm, law, starts[i], 0.2, v0[i]), LOGGED, i)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
+def test_any_arm(name, agrees, cartesian):
+    arm = k1607.load_example(name)
+    start = {"ur5": [0.3, -1.2, 1.4, -0.9, -1.2, 0.2]}.get(name, [0.1, -0.9, 0.3, -1.5, 0.2, 1.6, 0.3])
+    law = cartesian(arm, np.array(start), 0.001, omega=4.0)
+    settings = {"q0": np.array(start), "duration": 0.3, "control_period": 0.001, "payloads": [(0.1, k1607.Payload(0.3))]}
+    agrees(k1607.rollout(arm, law, **settings, log=LOGGED), k1607.simulate(arm, law, **settings), LOGGED)
+
+
+def test_the_same_bits_whatever_lane_batch_and_threads(arm, law, q0):
+    beta = np.linspace(0, 1e4, 37)
+    together = k1607.rollout(arm, law, q0, 0.1, vary={"controller.beta_1": beta}, threads=1)
+    turned = k1607.rollout(arm, law, q0, 0.1, vary={"controller.beta_1": beta[::-1]}, threads=2)
+    alone = k1607.rollout(arm, law, q0, 0.1, vary={"controller.beta_1": beta[[20]]})
+    for name in together.data_vars:
+        np.testing.assert_array_equal(together[name], turned[name][::-1])
+        np.testing.assert_array_equal(together[name][[20]], alone[name])
+
+
+def test_noise_is_a_function_of_seed_and_time(arm, law, q0, agrees):
+    noisy = with_noise(law, 7, 0.01, 1e-4, 1e-2)
+    run = k1607.rollout(arm, noisy, q0, 0.2, vary={"controller.noise.seed": [0, 1, 2**53]}, log=LOGGED)
+    for i, seed in enumerate((0, 1, 2**53)):
+        agrees(run, k1607.simulate(arm, with_noise(law, 7, 0.01, 1e-4, 1e-2, seed), q0, 0.2), LOGGED, i)
+    assert len(np.unique(run.q_end, axis=0)) == 3
+    shared = k1607.rollout(arm, noisy, q0, 0.2, log=LOGGED)  # of one seed: a table
+    agrees(shared, k1607.simulate(arm, noisy, q0, 0.2), LOGGED)
+
+
+def test_noise_is_normal_and_independent():
+    x = np.array([standard_normal(7, k, 14) for k in range(4000)])
+    n = x.size
+    assert abs(x.mean()) < 4 / np.sqrt(n)
+    assert abs(x.var() - 1) < 4 * np.sqrt(2 / n)
+    assert abs((x**4).mean() - 3) < 4 * np.sqrt(96 / n)
+    correlation = np.corrcoef(x.T) - np.eye(14)
+    assert np.abs(correlation).max() < 5 / np.sqrt(len(x))
+    assert abs(np.corrcoef(x[1:, 0], x[:-1, 0])[0, 1]) < 5 / np.sqrt(len(x))
+    others = np.array([standard_normal(8, k, 14) for k in range(4000)])
+    assert abs(np.corrcoef(x.ravel(), others.ravel())[0, 1]) < 4 / np.sqrt(n)
+
+
+def test_one_that_runs_away_is_flagged_and_the_others_go_on(arm, law, q0):
+    K_d = law.gains.K_d * np.array([1.0, 200.0, 1.0])[:, None, None]  # far too much for torques held 10 ms
+    vary = {"controller.gains.K_d": K_d}
+    run = k1607.rollout(arm, law, q0, 0.3, vary=vary, log=("q", "t"), metrics={"q": REDUCERS})
+    with pytest.raises(SimulationError) as lost:
+        k1607.simulate(arm, replace(law, gains=Gains(law.gains.K_p, K_d[1])), q0, 0.3)
+    assert run.failed_at[1] == pytest.approx(lost.value.time, abs=1e-9)
+    np.testing.assert_allclose(run.q_end[1], lost.value.q, rtol=1e-6)  # the last good state
+    np.testing.assert_array_equal(np.isnan(run.q[1, :, 0]), run.t[0] > run.failed_at[1].item())
+    seen = run.q[1].values[~np.isnan(run.q[1, :, 0])]
+    np.testing.assert_allclose(run.q_rms[1], np.sqrt(np.mean(seen**2, axis=0)), rtol=1e-12)
+    np.testing.assert_array_equal(run.q_last[1], seen[-1])
+    well = k1607.rollout(arm, law, q0, 0.3, vary={"controller.gains.K_d": K_d[[0]]}, metrics={"q": REDUCERS})
+    for name in well.data_vars:
+        np.testing.assert_array_equal(run[name][[0]], well[name])
+
+
+def test_a_torque_that_is_no_number_is_a_failure(arm, q0):
+    with np.errstate(invalid="ignore"):
+        run = k1607.rollout(arm, Drive(lambda q, v: np.sqrt(q - 10.0)), q0, 0.05)
+    assert run.failed_at[0] == 0
+
+
+@pytest.mark.parametrize("reducer", REDUCERS)
+def test_metrics_are_those_of_the_log(arm, law, reducer, q0):
+    run = k1607.rollout(arm, law, q0, 0.2, metrics={"error": (reducer,), "t": (reducer,)}, log=("error", "t"))
+    x, t = run.error.values[0], run.t.values[0]
+    by_hand = {
+        "max": lambda x: np.abs(x).max(axis=0),
+        "min": lambda x: np.abs(x).min(axis=0),
+        "rms": lambda x: np.sqrt(np.mean(x**2, axis=0)),
+        "mean": lambda x: np.mean(x, axis=0),
+        "last": lambda x: x[-1],
+    }[reducer]
+    np.testing.assert_allclose(run[f"error_{reducer}"][0], by_hand(x), rtol=1e-12, atol=1e-18)
+    assert float(run[f"t_{reducer}"][0]) == pytest.approx(by_hand(t))
+
+
+def test_signals_and_decimated_logs(arm, law, q0):
+    signals = {"distance": lambda log: np.sqrt(np.sum(log["error"][:3] ** 2))}
+    run = k1607.rollout(
+        arm, law, q0, 0.2, signals=signals, metrics={"distance": "max"}, log=("error", "distance"), every=7
+    )
+    assert run.sizes["time"] == 3
+    np.testing.assert_allclose(run.time, [0, 0.07, 0.14])
+    np.testing.assert_allclose(run.distance, np.linalg.norm(run.error[..., :3], axis=-1), rtol=1e-12)
+    assert run.distance_max.shape == (1,)
+    assert float(run.distance_max[0]) >= float(run.distance.max())
+
+
+# A controller of one's own
+
+
+class Drive:
+    """A state: what v has been summed up to."""
+
+    def __init__(self, torque):
+        self.torque = torque
+
+    def start(self, q, v, duration):
+        return {"sum": np.zeros(len(q))}
+
+    def update(self, t, q, v, state):
+        return self.torque(q, v) - 0.1 * state["sum"], {"sum": state["sum"] + v}, {}
+
+
+def test_a_controller_of_ones_own(arm, q0, agrees):
+    law = Drive(lambda q, v: -5.0 * np.tanh(q) - 2.0 * v)
+    run = k1607.rollout(arm, law, q0, 0.3, log=("q", "tau"), metrics={})
+    agrees(run, k1607.simulate(arm, law, q0, 0.3), ("q", "tau"))
+
+
+def if_in_python(q, v):
+    return q if q[0] > 0 else v
+
+
+def svd(q, v):
+    return np.linalg.svd(np.outer(q, v))[1]
+
+
+def by_float(q, v):
+    return q * float(v[0])
+
+
+@pytest.mark.parametrize(
+    ("torque", "said"),
+    [(if_in_python, "q if q[0] > 0 else v.*np.where"), (svd, "numpy.linalg.svd"), (by_float, "turned into a Python float")],
+)  # fmt: skip
+def test_what_cannot_be_traced_is_named(arm, torque, said, q0):
+    with pytest.raises(k1607.TracingError, match=f"(?s){said.replace('[', '.').replace(']', '.')}"):
+        k1607.rollout(arm, Drive(torque), q0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"vary": {"controller.bet": [1.0]}}, "vary: expected some of .*controller.beta_1"),
+        ({"vary": {"controller.beta_1": [1.0, np.nan]}}, "controller.beta_1: expected finite"),
+        ({"vary": {"controller.beta_1": [-1.0]}}, "beta_1: expected a number >= 0"),
+        ({"vary": {"controller.beta_1": np.ones((2, 2))}}, "expected .* got shape"),
+        ({"vary": {"controller.beta_1": np.ones(2), "controller.beta_2": np.ones(3)}}, "as many"),
+        ({"q0": np.zeros(6)}, "q0: expected"),
+        ({"duration": -1.0}, "duration"),
+        ({"control_period": 0.005}, "control_period: expected the controller"),
+        ({"metrics": {"nonsense": "max"}}, "nonsense"),
+        ({"metrics": {"error": "median"}}, "median"),
+        ({"log": ("nonsense",)}, "nonsense"),
+        ({"every": 0}, "every"),
+        ({"threads": 0}, "threads"),
+    ],
+)
+def test_bad_input(arm, law, change, said, q0):
+    with pytest.raises(ValueError, match=said):
+        k1607.rollout(**{"plant": arm, "controller": law, "q0": q0, "duration": 0.05} | change)
+
+
+def test_progress_ends_with_one(arm, law, q0):
+    told = []
+    k1607.rollout(arm, law, q0, 0.05, vary={"controller.beta_1": np.ones(100)}, progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1
+    assert len(told) > 5
