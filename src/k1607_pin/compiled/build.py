@@ -13,7 +13,16 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-FLAGS = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math")
+FLAGS = (
+    "-std=gnu11",
+    "-O2",
+    "-fPIC",
+    "-shared",
+    "-ffp-contract=fast",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-Werror=implicit-function-declaration",
+)
 """Not -ffast-math: with it, a check for NaN is compiled away."""
 
 

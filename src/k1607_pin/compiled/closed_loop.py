@@ -1,7 +1,8 @@
 """One closed loop, traced: what happens at a control sample, in a physics step, and when a payload changes."""
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import casadi as ca
@@ -12,7 +13,7 @@ from k1607_pin.compiled.leaves import Layout, numbers, substituted
 from k1607_pin.compiled.program import Program, hoisted, program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
-from k1607_pin.compiled.tracer import Tracer, TracingError, explained, symbol_array
+from k1607_pin.compiled.tracer import Tracer, TracingError, explained, symbol_array, without_nan
 from k1607_pin.dynamics.rigid_body import inertia_from, rigidly_carried
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import PayloadSchedule
@@ -101,7 +102,7 @@ def traced(
     ----------
     varied : dotted names below "plant", "controller", "external" and "payloads".
     metrics : variable -> reducers; logged : variables; see `Setup.signals` for those there are.
-    initial_state : of a controller without ``initial``.
+    initial_state : such as a controller without ``initial`` starts from.
 
     Raises
     ------
@@ -123,24 +124,32 @@ class _Tracing:
         self.q, self.v, self.tau = (symbol_array(name, (self.n,)) for name in ("q", "v", "tau"))
 
     def below(self, root: str) -> dict[str, Any]:
-        return {name.partition(".")[2]: x for name, x in self.symbols.items() if name.partition(".")[0] == root}
+        return {name: x for name, x in self.symbols.items() if name.partition(".")[0] == root}
+
+    def stand_in(self, tracer: Tracer, root: str, x: Any) -> Any:
+        if is_dataclass(x):
+            return tracer.inside(x, root, self.below(root))
+        made = copy.copy(x)
+        for key, child in vars(x).items():
+            object.__setattr__(made, key, substituted(child, self.below(root), tracer.stand_in, f"{root}.{key}"))
+        return made
 
     def loop(self, metrics: Mapping[str, Sequence[str]], logged: Sequence[str], initial_state: Any) -> ClosedLoop:
         setup = self.setup
         tracer, physics = Tracer("law"), Tracer("physics")
-        controller = substituted(setup.controller, self.below("controller"), _named(tracer, "controller"), "")
-        plant = substituted(setup.plant, self.below("plant"), _named(physics, "plant"), "")
+        controller = self.stand_in(tracer, "controller", setup.controller)
+        plant = self.stand_in(physics, "plant", setup.plant)
         payload = self.payload(plant.arm)
 
-        given = initial_state is not None
+        given = not hasattr(setup.controller, "initial")
         with explained("controller.initial"):
             state_0 = initial_state if given else controller.initial(self.q, self.v)
         self.state = Layout(initial_state if given else setup.controller.initial(np.zeros(self.n), np.zeros(self.n)))
         functions: dict[str, tuple[list[Any], Any, Any]] = {}  # outputs, shared symbols, further input
-        if not given:
-            functions["initial"] = [self.state.flat(state_0)], None, None
         state = symbol_array("state", (self.state.size,))
         functions["law"], metric_list, log_list = self.law(controller, plant, tracer, state, metrics, logged)
+        if not given:  # after the law, so that the tables of both are known
+            functions["initial"] = [self.state.flat(state_0)], tracer.shared_inputs(), None
         motion, stages = self.motion(plant, physics, payload)
         functions |= motion
         functions |= self.payload_change(plant.arm, payload)
@@ -223,7 +232,7 @@ class _Tracing:
         """The integrator's step: whole where it evaluates one acceleration, else cut at each."""
         external = self.setup.external
         if external is not None:
-            external = substituted(external, self.below("external"), _named(physics, "external"), "")
+            external = self.stand_in(physics, "external", external)
         loaded = plant.arm if payload is None else plant.arm.carrying(self.full_payload)
         loaded_plant = Plant.__new__(Plant)
         loaded_plant.__dict__.update(plant.__dict__)
@@ -267,7 +276,7 @@ class _Tracing:
         """Symbols for what of the carried body's ten parameters is not always zero; None for never any payload."""
         changes = self.setup.schedule.changes
         below = self.below("payloads")
-        changes = substituted(changes, below, lambda x, name, symbols: None, "")
+        changes = substituted(changes, below, lambda x, name, symbols: None, "payloads")
         self.changes = [_parameters_of(change.payload, arm) for change in changes]
         if not self.changes or not any(_matters(x) for one in self.changes for x in one):
             return None
@@ -314,15 +323,6 @@ def _matters(x: Any) -> bool:
         return bool(x != 0)
     x = ca.SX(getattr(x, "_v", x))
     return not x.is_zero()
-
-
-def _named(tracer: Tracer, root: str) -> Callable[[Any, str, Mapping[str, Any]], Any]:
-    def stand_in(x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
-        if name == "":  # the object itself is to be looked into
-            return None
-        return tracer.stand_in(x, f"{root}.{name}", {f"{root}.{key}": s for key, s in symbols.items()})
-
-    return stand_in
 
 
 def shape_of(setup: Setup, name: str) -> tuple[int, ...]:
@@ -394,13 +394,7 @@ def _program(name: str, inputs: Mapping[str, Any], outputs: Any) -> Program:
     else:
         out = [ca.densify(_vertical(x)) for x in outputs]
     f = ca.Function(name, symbols, out, {"cse": True})
-    made = program(f)
-    if any(node.op == "const" and node.value != node.value for node in made.nodes):
-        raise TracingError(
-            f"{name}: a traced number has been turned into a Python float, by float() or the math module say, and became NaN; "
-            "use NumPy's functions on arrays"
-        )
-    return made
+    return without_nan(name, program(f))
 
 
 def _renumbered(p: Program, inputs: Sequence[int]) -> Program:

@@ -12,7 +12,7 @@ typedef struct {
   const int32_t *change;         /* (ticks + 1): 0 none, else 1 + index of the weights; negative where something is gripped */
 } Plan;
 
-enum { INPUT = 2 * N + NP + NGIVEN, RESULT = 2 * N + NM + 3 };
+enum { INPUT = 2 * N + NP + GIVEN * NS, RESULT = 2 * N + NM + 3 };
 
 #define FOR(i, n) for (int i = 0; i < (n); i++)
 
@@ -72,10 +72,10 @@ static void block(const Plan *plan, const double *in, const int64_t *seeds, doub
   memcpy(v, in + N * W, sizeof v);
   memcpy(P, in + 2 * N * W, NP * sizeof(V));
   FOR(i, NPI) pi[i] = v_all(0.0);
-#if NGIVEN > 0
+#if GIVEN
   memcpy(state[0], in + (2 * N + NP) * W, NS * sizeof(V));
 #else
-  initial(0, q, v, 0, 0, 0, P, pi, 0, 0, state[0]);
+  initial(plan->law_shared, q, v, 0, 0, 0, P, pi, 0, 0, state[0]);
 #endif
   FOR(i, NM) metrics[0][i] = v_all(metric_start[i]);
   hoist(0, q, v, 0, 0, 0, P, pi, 0, 0, H);

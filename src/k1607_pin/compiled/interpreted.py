@@ -38,6 +38,7 @@ class Interpreter:
         now = {name: np.zeros((size, count)) for name, size in sizes.items()}
         now["q"], now["v"] = x[:n].copy(), x[n : 2 * n].copy()
         now["parameters"] = x[2 * n : 2 * n + sizes["parameters"]]
+        now["shared"] = plan.law_shared[0]
         now["state"] = x[2 * n + sizes["parameters"] :] if loop.state_is_given else self._one("initial", now)
         metrics = np.repeat(np.where(np.array(loop.reducers) == "min", np.inf, 0.0)[:, None], count, axis=1)
         alive, failed, work = np.ones(count, bool), np.full(count, np.nan), np.zeros(count)

@@ -21,7 +21,7 @@ def source(loop: ClosedLoop, lanes: int) -> str:
         "N": loop.n,
         "NP": sum(int(np.prod(shape)) for shape in loop.parameters.values()),
         "NS": loop.state.size,
-        "NGIVEN": loop.state.size if loop.state_is_given else 0,
+        "GIVEN": int(loop.state_is_given),
         "NM": sum(int(np.prod(shape)) for _, _, shape in loop.metrics),
         "NLOG": sum(int(np.prod(shape)) for _, shape in loop.logged),
         "NPI": len(programs["payload"].outputs[0]) if "payload" in programs else 0,

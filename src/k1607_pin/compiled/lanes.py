@@ -1,5 +1,6 @@
 """Numbers of many rollouts in the kernel's layout: blocks of rollouts, one a lane."""
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -51,3 +52,8 @@ def by_rollout(x: np.ndarray, count: int) -> np.ndarray:
     """(count, ...) from (blocks, ..., W)."""
     moved = np.moveaxis(x, -1, 1)
     return moved.reshape(moved.shape[0] * moved.shape[1], *moved.shape[2:])[:count]
+
+
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

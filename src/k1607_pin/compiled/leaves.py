@@ -119,13 +119,21 @@ class Layout:
         """The nest of the entries of ``vector`` (size,)."""
         taken = 0
 
-        def rebuild(x: Any) -> Any:
+        def number(x: Any) -> Any:
             nonlocal taken
+            size = int(np.size(x))
+            part = vector[taken : taken + size]
+            taken += size
+            return np.reshape(part, np.shape(x)) if np.ndim(x) else part[0]
+
+        return self.mapped(number)
+
+    def mapped(self, number: Callable[[Any], Any]) -> Any:
+        """The nest with something else for each number or array of numbers, asked for in order."""
+
+        def rebuild(x: Any) -> Any:
             if is_number(x):
-                size = int(np.size(x))
-                part = vector[taken : taken + size]
-                taken += size
-                return np.reshape(part, np.shape(x)) if np.ndim(x) else part[0]
+                return number(x)
             if is_named_tuple(x):
                 return type(x)(*(rebuild(item) for item in x))
             if isinstance(x, tuple | list):

@@ -2,7 +2,6 @@
 
 import hashlib
 import logging
-import os
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -18,7 +17,7 @@ from k1607_pin.compiled.build import compiler
 from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals, traced
 from k1607_pin.compiled.interpreted import Interpreter
 from k1607_pin.compiled.kernel import Kernel, source
-from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, rows_of
+from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
 from k1607_pin.compiled.leaves import replaced
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.results import REST, dataset, variables_of
@@ -216,7 +215,7 @@ class Rollouts:
         W = self.engine.lanes
         blocks = -(-count // W)
         columns = [rows_of(values[name], count) for name in ("q0", "v0", *self.varied)]
-        if self._state is not None:
+        if self.loop.state_is_given:
             columns.append(self._given_states(values, count))
         inputs = in_lanes(columns, blocks, W)
         seeds = np.zeros((blocks, len(self.loop.law_tables.noise), W), dtype=np.int64)
@@ -299,8 +298,3 @@ class Rollouts:
             q, v = (values[name][i % len(values[name])] for name in ("q0", "v0"))
             out[i] = self.loop.state.flat(controller.start(q, v, self.duration))
         return out
-
-
-def processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

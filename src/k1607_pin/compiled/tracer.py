@@ -12,6 +12,7 @@ import numpy as np
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.leaves import Layout, substituted
+from k1607_pin.compiled.program import Program
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.traced_regressor import TracedRegressor
 from k1607_pin.control.baselines import Regressor
@@ -64,14 +65,22 @@ class Tracer:
             return lambda t: values
         inside = None
         if is_dataclass(x) and not isinstance(x, type) and (callable(x) or hasattr(x, "of_time")):
-            inside = copy.copy(x)
-            for key, child in vars(x).items():
-                object.__setattr__(inside, key, substituted(child, symbols, self.stand_in, f"{name}.{key}"))
-            for key in () if symbols else getattr(x, "of_time", ()):
-                object.__setattr__(inside, key, _OfTime(self, f"{name}.{key}", getattr(x, key), None))
+            inside = self.inside(x, name, symbols)
         if callable(x) and not isinstance(x, type) and not symbols:
             return _OfTime(self, name, x, inside)
         return inside
+
+    def inside(self, x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
+        """A copy of the dataclass x with stand-ins for what it holds, and for its methods of time alone.
+
+        Those are the ones that its class names in ``of_time``; they cannot depend on what differs between rollouts.
+        """
+        made = copy.copy(x)
+        for key, child in vars(x).items():
+            object.__setattr__(made, key, substituted(child, symbols, self.stand_in, f"{name}.{key}"))
+        for key in getattr(x, "of_time", ()):
+            object.__setattr__(made, key, _OfTime(self, f"{name}.{key}", getattr(x, key), None))
+        return made
 
     def table(self, name: str, fun: Callable[[float], Any], t: Any) -> Any:
         """Symbols for fun(t), laid out as fun(0) is."""
@@ -130,6 +139,22 @@ def symbol_array(name: str, shape: tuple[int, ...]) -> Any:
 
 def _column(x: Any) -> Any:
     return np.reshape(x, (-1, 1)) if np.shape(x)[0] else ca.SX(0, 1)
+
+
+def without_nan(name: str, p: Program) -> Program:
+    """The program, unless a NaN stands in it: what becomes of float(x) for a traced x.
+
+    Raises
+    ------
+    TracingError
+        It says so.
+    """
+    if any(node.op == "const" and node.value != node.value for node in p.nodes):
+        raise TracingError(
+            f"{name}: a traced number has been turned into a Python float, by float() or the math module say, and became NaN; "
+            "use NumPy's functions on arrays"
+        )
+    return p
 
 
 @contextmanager

@@ -191,28 +191,36 @@ def rigidly_carried(mass: Any, cg: Any, inertia: Any, offset: Any, rotation: Any
 
 
 def coriolis_matrix(bodies: Sequence[Body], q: Any, v: Any) -> Any:
-    """(n, n) C with C v the velocity forces and M_dot - 2 C skew: sum over bodies of J^T (I J_dot + B J).
+    """(n, n) C with C v the velocity forces and M_dot - 2 C skew, the C of Christoffel's symbols.
 
-    B = (V x* I - I V x + (I V) x-bar) / 2 for a body with spatial velocity V (Echeandia and Wensing, 2021).
+    C = sum over bodies of J^T (I J_dot + B J). With J_r = [1, -r x] J for the body's point r, whose velocity is r_dot, B is the
+    integral of [1, -r x]^T [0, -r_dot x] dm: made of the momentum p = m v + w x h and of P, the integral of r_dot r^T dm. Both
+    add up over the bodies that a joint carries.
     """
     _, _, screws = where = place(bodies, q)
-    inertias = _inertias(bodies, where)
-    n = len(bodies)
-    total = np.zeros((n, n))
     velocities, rates = _velocities(bodies, screws, v)
-    for i, V in enumerate(velocities):
-        path = list(_supports(bodies, i))
-        I = _matrix(inertias[i])
-        X = _motion_matrix(V)
-        B = (-X.T @ I - I @ X + _bar(I @ V)) / 2
-        J = np.stack(
-            [screws[j] if j in path else 0 * screws[j] for j in range(i + 1)] + [np.zeros(6)] * (n - i - 1), axis=1
-        )
-        J_dot = np.stack(
-            [rates[j] if j in path else 0 * rates[j] for j in range(i + 1)] + [np.zeros(6)] * (n - i - 1), axis=1
-        )
-        total = total + J.T @ (I @ J_dot + B @ J)
-    return total
+    composite: list[tuple[Any, ...]] = []
+    for (mass, h, S), V in zip(_in_base(bodies, where), velocities, strict=True):
+        p, P = mass * V[:3] + np.cross(V[3:], h), np.outer(V[:3], h) + cross_matrix(V[3:]) @ S
+        composite.append((mass, h, S, p, P))
+    n = len(bodies)
+    rows: list[list[Any]] = [[0 * q[0]] * n for _ in range(n)]
+    for i in reversed(range(n)):
+        mass, h, S, p, P = composite[i]
+        I, s, s_dot, spread = inertia_from(S), screws[i], rates[i], np.trace(P) * np.eye(3) - P
+        force = _times(mass, h, I, s_dot) + np.concatenate([np.cross(s[3:], p), spread @ s[3:]])  # I s_dot + B s
+        momentum, turning = (
+            _times(mass, h, I, s),
+            np.cross(p, s[:3]) + spread.T @ s[3:],
+        )  # I s, and B^T s below its zeros
+        rows[i][i] = s @ force
+        parent = bodies[i].parent
+        for j in _supports(bodies, parent):
+            rows[j][i] = screws[j] @ force
+            rows[i][j] = rates[j] @ momentum + screws[j][3:] @ turning
+        if parent >= 0:
+            composite[parent] = tuple(x + y for x, y in zip(composite[parent], composite[i], strict=True))
+    return np.stack([np.stack(row) for row in rows])
 
 
 def point_pose(bodies: Sequence[Body], q: Any, last: int, offset: Any, rotation: Any) -> Any:
@@ -315,44 +323,26 @@ def _moment_of(P: Any) -> Any:
     return np.stack([P[2, 1] - P[1, 2], P[0, 2] - P[2, 0], P[1, 0] - P[0, 1]])
 
 
-# Spatial algebra in base axes. An inertia is (mass, first moment (3,), rotational inertia (3, 3)) about the base origin.
+# In base axes, about the base origin.
 
 
-def _inertias(bodies: Sequence[Body], where: Motion) -> list[tuple[Any, Any, Any]]:
-    inertias = []
-    for body, R, o in zip(bodies, where.rotations, where.origins, strict=True):
-        mass, moment, second = moved(body.mass, R @ body.moment, R @ body.second @ R.T, o)
-        inertias.append((mass, moment, inertia_from(second)))
-    return inertias
+def _in_base(bodies: Sequence[Body], where: Motion) -> list[tuple[Any, Any, Any]]:
+    """Mass, first moment (3,) and second moments (3, 3) of each body."""
+    return [
+        moved(body.mass, R @ body.moment, R @ body.second @ R.T, o)
+        for body, R, o in zip(bodies, where.rotations, where.origins, strict=True)
+    ]
+
+
+def _times(mass: Any, h: Any, I: Any, motion: Any) -> Any:
+    """(6,) momentum of a body with mass, first moment (3,) and inertia (3, 3), for its motion (6,)."""
+    v, w = motion[:3], motion[3:]
+    return np.concatenate([mass * v + np.cross(w, h), I @ w + np.cross(h, v)])
 
 
 def _cross_motion(V: Any, m: Any) -> Any:
     v, w = V[:3], V[3:]
     return np.concatenate([np.cross(w, m[:3]) + np.cross(v, m[3:]), np.cross(w, m[3:])])
-
-
-def _cross_force(V: Any, f: Any) -> Any:
-    v, w = V[:3], V[3:]
-    return np.concatenate([np.cross(w, f[:3]), np.cross(w, f[3:]) + np.cross(v, f[:3])])
-
-
-def _blocks(a: Any, b: Any, c: Any, d: Any) -> Any:
-    return np.concatenate([np.concatenate([a, b], axis=1), np.concatenate([c, d], axis=1)], axis=0)
-
-
-def _matrix(inertia: tuple[Any, Any, Any]) -> Any:
-    mass, h, I = inertia
-    return _blocks(mass * np.eye(3), -cross_matrix(h), cross_matrix(h), I)
-
-
-def _motion_matrix(V: Any) -> Any:
-    """V x as a matrix; V x* is minus its transpose."""
-    return _blocks(cross_matrix(V[3:]), cross_matrix(V[:3]), np.zeros((3, 3)), cross_matrix(V[3:]))
-
-
-def _bar(f: Any) -> Any:
-    """The matrix that takes a motion m to m x* f."""
-    return _blocks(np.zeros((3, 3)), -cross_matrix(f[:3]), -cross_matrix(f[:3]), -cross_matrix(f[3:]))
 
 
 def _turn(axis: np.ndarray, angle: Any) -> Any:

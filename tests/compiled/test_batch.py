@@ -1,0 +1,96 @@
+"""Functions of a state on batches of states, against Pinocchio one by one."""
+
+import numpy as np
+import pytest
+
+import k1607_pin as k1607
+from k1607_pin.compiled import build
+from k1607_pin.compiled.batch import METHODS, Batch, batch
+
+ARMS = {
+    "k1607": k1607.load_k1607,
+    "panda": lambda: k1607.load_example("panda"),
+    "ur5": lambda: k1607.load_example("ur5"),
+}
+
+
+@pytest.fixture(scope="module", params=ARMS)
+def robot(request):
+    return ARMS[request.param]()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_methods_of_an_arm(robot, method):
+    """To 1e-11 of the largest entry, times what the condition of the posture takes away; an odd number of states."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(0.4, 1.2, size=(METHODS[method], 3, 7, robot.n))  # clear of singularities
+    found = batch(robot, method)(*states)
+    for i in np.ndindex(3, 7):
+        state = [x[i] for x in states]
+        theirs = getattr(robot, method)(*state)
+        condition = np.linalg.cond(robot.jacobian(state[0])) ** 2 if method == "operational_space" else 1.0
+        for name in ("Lambda", "Phi", "Gamma", "jacobian_bar", "gravity") if method == "operational_space" else (None,):
+            if method == "forward_kinematics":
+                pairs = [(found.translation[i], theirs.translation), (found.rotation[i], theirs.rotation)]
+            else:
+                pairs = [(getattr(found, name)[i], getattr(theirs, name))] if name else [(found[i], theirs)]
+            for ours, reference in pairs:
+                assert np.abs(ours - reference).max() < 1e-14 * max(condition, 1e3) * max(1.0, np.abs(reference).max())
+
+
+def test_the_same_bits_whatever_the_batch_and_threads():
+    f = batch(k1607.load_k1607(), "forward_dynamics")
+    q, v, tau = np.random.default_rng(0).normal(size=(3, 5003, 7))
+    whole = f(q, v, tau, threads=2)
+    np.testing.assert_array_equal(f(q, v, tau, threads=1), whole)
+    np.testing.assert_array_equal(f(q[17], v[17], tau[17]), whole[17])
+    np.testing.assert_array_equal(f(q[::-1], v[::-1], tau[::-1]), whole[::-1])
+
+
+def test_any_function():
+    f = Batch(lambda A, b: (A @ b, np.sum(b)), [(2, 3), (3,)])
+    A, b = np.arange(24.0).reshape(4, 2, 3), np.arange(12.0).reshape(4, 3)
+    product, total = f(A, b)
+    np.testing.assert_allclose(product, np.einsum("kij,kj->ki", A, b), rtol=1e-15)
+    np.testing.assert_allclose(total, b.sum(axis=1), rtol=1e-15)
+
+
+def test_without_a_compiler(monkeypatch):
+    arm, (q, v) = k1607.load_k1607(), np.random.default_rng(0).normal(size=(2, 5, 7))
+    native = batch(arm, "bias_torque")(q, v)
+    monkeypatch.setenv("K1607_COMPILER", "none")
+    build.compiler.cache_clear()
+    try:
+        with pytest.warns(RuntimeWarning, match="no C compiler"):
+            np.testing.assert_allclose(batch(arm, "bias_torque")(q, v), native, rtol=1e-12, atol=1e-12)
+    finally:
+        build.compiler.cache_clear()
+
+
+def test_memory_may_be_used_again():
+    f = batch(k1607.load_k1607(), "jacobian")
+    q = np.random.default_rng(0).normal(size=(40, 7))
+    out = f.empty(40)
+    J = f(q, out=out)
+    assert np.shares_memory(J, out)
+    np.testing.assert_array_equal(J, f(q))
+    with pytest.raises(ValueError, match="out: expected"):
+        f(q[:3], out=out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((np.zeros((5, 6)), np.zeros((5, 7))), "argument 0: expected"),
+        ((np.zeros((5, 7)), np.zeros((4, 7))), "argument 1: expected"),
+        ((np.zeros((5, 7)),), "expected 2 arguments, got 1"),
+    ],
+)
+def test_bad_input(arguments, said):
+    with pytest.raises(ValueError, match=said):
+        batch(k1607.load_k1607(), "bias_torque")(*arguments)
+
+
+def test_unknown_methods_are_refused():
+    with pytest.raises(ValueError, match="method: expected one of forward_kinematics"):
+        batch(k1607.load_k1607(), "fly")
