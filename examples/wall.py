@@ -19,9 +19,7 @@ start = arm.forward_kinematics(q0)
 stay = Line(start.translation, extent=np.zeros(3))
 push = Mode(selection=(1, 0, 0, 0, 0, 0), force=(20.0, 0, 0, 0, 0, 0))  # force along x, position in all else
 stiffest = np.array([1e5] * 3 + [1e3] * 3)  # N/m, N m/rad: the most that is expected
-gains, force_gains = hybrid_gains(
-    arm, q0, stiffest, omega=60, force_omega=200, force_damping=0.7, selection=push.selection
-)
+gains, force_gains = hybrid_gains(arm, q0, stiffest, omega=60, force_omega=200, force_damping=0.7)
 model = reference_model(2 * np.ones(6), 3 * np.ones(6))
 force_model = reference_model(200.0**2 * np.ones(6), 400.0 * np.ones(6), np.diag([200.0**2] * 6 + [0.2] * 6))
 
@@ -29,7 +27,7 @@ for stiffness in (1e3, 1e4, 1e5):
     wall = Wall(start.translation + 0.005 * np.eye(3)[0], normal=(-1, 0, 0), stiffness=stiffness)
     law = HybridAdaptive(
         arm, stay, start.rotation, push, wall.sensor(arm), stiffest, gains, force_gains, model, force_model,
-        1e5, 1e5, 1e-5, 1e-10, period=0.001, posture=hold(q0, 10.0), practice=Practice(gravity=True, gain_bound=0.02),
+        1e5, 1e5, 1e-5, 1e-10, period=0.001, posture=hold(q0, 10.0), practice=Practice(gravity=True, gain_bound=0.8),
         force_practice=Practice(gain_bound=0.8),
     )  # fmt: skip
     log = k1607.simulate(arm, law, q0, 2.0, control_period=0.001, physics_step=0.0005, external=wall.external(arm))

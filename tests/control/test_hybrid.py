@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import k1607_pin as k1607
+from k1607_pin.arm.reach import UnreachableError
 from k1607_pin.compiled.trace import trace
 from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.cartesian import cartesian_adaptive
@@ -18,11 +19,13 @@ from k1607_pin.control.hybrid import (
     hybrid_adaptive,
     hybrid_gains,
 )
-from k1607_pin.control.practice import OFF, Practice
+from k1607_pin.control.hybrid_law import per_stiffness
+from k1607_pin.control.practice import OFF, Practice, relative_size
 from k1607_pin.control.reference_model import reference_model
 from k1607_pin.paths.report_paths import Line
 
 MODEL = reference_model(2 * np.ones(6), 3 * np.ones(6))
+STIFFNESS = np.array([30.0, 20.0, 10.0, 3.0, 2.0, 1.0])
 LOOP = Loop(MODEL.P_2, MODEL.P_3, 2.0, 3.0)
 EVERY = Practice(sigma=0.1, gain_bound=0.5, dead_zone=1e-3, torque_limit=np.full(7, 20.0))
 
@@ -35,19 +38,21 @@ def sample(seed, selection=(1, 0, 0, 0, 1, 0), before=(1, 0, 0, 0, 1, 0)):
     held = 5 * rng.normal(size=6) * before
     pose = [rng.normal(size=3), R, rng.normal(size=(6, 7)), rng.normal(size=7), 5 * rng.normal(size=6)]
     wanted = [rng.normal(size=3), R_d, rng.normal(size=6), np.array(selection, float), force]
-    gains = [rng.normal(size=(6, 6)) for _ in range(4)]
-    state = [*gains, rng.normal(size=7), np.array(before, float), held, *rng.normal(size=(3, 6))]
+    roots = rng.normal(size=(4, 6, 6))
+    gains = [root @ root.T + np.eye(6) + 0.1 * root for root in roots]
+    gains[2:] = [STIFFNESS[:, None] * k for k in gains[2:]]  # as (H8) has them
+    state = [*gains, rng.normal(size=7), np.array(before, float), held, *rng.normal(size=(4, 6))]
     return [*pose, *wanted, *state]
 
 
-def law(*arguments, compliance=None, practice=OFF):
-    *now, K_p, K_d, K_pf, K_df, v, selection, force, offset, rate, transfer = arguments
-    state = HybridState(Gains(K_p, K_d), Gains(K_pf, K_df), v, selection, force, offset, rate, transfer)
+def law(*arguments, compliance=None, practice=OFF, **options):
+    *now, K_p, K_d, K_pf, K_df = arguments[:14]
+    state = HybridState(Gains(K_p, K_d), Gains(K_pf, K_df), *arguments[14:])
     C = Rotation.from_rotvec([0.3, -0.4, 0.5]).as_matrix() if compliance is None else compliance
-    stiffness = np.array([30.0, 20.0, 10.0, 3.0, 2.0, 1.0])
     return hybrid_adaptive(
-        *now, state, C, stiffness, LOOP, LOOP, 0.1, 0.01, other_torque=0.1, practice=practice, force_practice=practice
-    )
+        *now, state, C, STIFFNESS, LOOP, LOOP, 0.1, 0.01, other_torque=0.1, practice=practice, force_practice=practice,
+        force_integral=4.0, **options,
+    )  # fmt: skip
 
 
 def flat(step):
@@ -80,7 +85,7 @@ def test_traced_and_on_floats_agree(practice, before):
 def test_with_nothing_selected_it_is_the_cartesian_scheme():
     nothing = np.zeros(6)
     arguments = sample(2, nothing, nothing)
-    arguments[-3:] = [np.zeros(6)] * 3
+    arguments[-4:] = [np.zeros(6)] * 4
     step = law(*arguments, compliance=np.eye(3))
     position, rotation, J, v, _, p_d, R_d, v_d = arguments[:8]
     gains = Gains(*arguments[10:12])
@@ -117,10 +122,43 @@ def test_each_loop_acts_and_learns_in_its_own_directions_only():
 
 def test_the_force_loop_does_not_learn_off_the_wall():
     arguments = sample(5)
-    arguments[4] = np.zeros(6)  # the measured wrench
-    state = law(*arguments).state
-    assert np.array_equal(state.force.K_p, arguments[12])
-    assert not np.array_equal(state.position.K_p, arguments[10])
+    loud = np.abs(arguments[4]).max() * 2
+    for wrench, touch in ((np.zeros(6), 0.0), (arguments[4], loud), (arguments[4], np.full(6, loud))):
+        arguments[4] = wrench
+        state = law(*arguments, touch=touch).state
+        assert np.array_equal(state.force.K_p, arguments[12])
+        assert np.array_equal(state.integral, arguments[-1])
+        assert not np.array_equal(state.position.K_p, arguments[10])
+
+
+def test_the_integral_adds_up_force_errors_where_they_are_controlled():
+    arguments = sample(6)
+    arguments[-4] = np.zeros(6)  # no offset left
+    step = law(*arguments)
+    assert step.state.integral - arguments[-1] == pytest.approx(0.01 * 4.0 * step.force_error, rel=1e-9)
+    assert np.array_equal(step.state.integral[arguments[8] == 0], arguments[-1][arguments[8] == 0])
+    # and is part of the command there
+    without = [*arguments[:-1], np.zeros(6)]
+    assert step.command - law(*without).command == pytest.approx(arguments[8] * arguments[-1], abs=1e-10)
+
+
+def test_the_integral_rests_in_saturation():
+    arguments = sample(6)
+    step = law(*arguments, practice=Practice(torque_limit=np.full(7, 1e-3)))
+    assert step.share < 1
+    assert np.array_equal(step.state.integral, arguments[-1])
+
+
+def test_the_force_loop_s_bound_is_in_shares_of_what_the_contact_feels():
+    """I + K_p over the stiffness is what moves, (H6)."""
+    arguments = sample(7)
+    arguments[8] = arguments[15] = np.ones(6)
+    for bound in (0.01, 0.5):
+        start = per_stiffness(Gains(*arguments[12:14]), STIFFNESS)
+        after = per_stiffness(law(*arguments, practice=Practice(gain_bound=bound)).state.force, STIFFNESS)
+        for k, k_0 in zip(after, start, strict=True):
+            assert relative_size(k_0, k - k_0) <= bound * (1 + 1e-9)
+            assert relative_size(k_0, k - k_0) >= (bound if bound < 0.1 else 0) * (1 - 1e-9)  # and it is called upon
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -135,7 +173,7 @@ def test_at_a_switch_the_torque_is_what_it_would_have_been_without(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_what_a_switch_leaves_behind_fades_and_starts_from_what_is(seed):
     arguments = sample(seed, (1, 0, 0, 0, 0, 0), np.zeros(6))
-    arguments[-3:] = [np.zeros(6)] * 3
+    arguments[-4:] = [np.zeros(6)] * 4
     step = law(*arguments)
     reference = arguments[9] + step.state.offset  # of the force, one period after
     jump = np.abs(arguments[9][0] - step.force[0])
@@ -165,7 +203,7 @@ def linear_loop(rng, selection, ratio, coupled=False):
 
     def rate(x, x_dot, K):
         f = S * K_e * x  # the wall's surface at x = 0, touched all the time
-        state = HybridState(Gains(*K[:2]), Gains(*K[2:]), np.zeros(6), np.append(S, np.zeros(3)), 0, *np.zeros((3, 6)))
+        state = HybridState(Gains(*K[:2]), Gains(*K[2:]), np.zeros(6), np.append(S, np.zeros(3)), 0, *np.zeros((4, 6)))
         step = hybrid_adaptive(
             C @ x, np.eye(3), np.eye(6), np.append(C @ x_dot, np.zeros(3)), np.append(-C @ f, np.zeros(3)),
             np.zeros(3), np.eye(3), np.zeros(6), np.append(S, np.zeros(3)), np.append(f_d, np.zeros(3)),
@@ -259,6 +297,28 @@ def test_initial_gains_make_the_contact_they_say(arm, softer):
     assert position.K_p == pytest.approx(400 * Lambda, rel=1e-9)
 
 
+@pytest.mark.parametrize("softer", [1.0, 10.0, 100.0])
+def test_the_integral_is_stable_up_to_its_bound_on_any_contact(softer):
+    """(H11): a mass on a contact, its rates those of the law, which are linear in penetration, speed and integral."""
+    mass, K, omega, damping, push = 3.0, 1e5, 200.0, 0.7, np.eye(6)[0]
+    K_p, K_d = omega**2 * mass / K - 1, 2 * damping * omega * mass / K
+    gains, still = Gains(K_p * np.eye(6), K_d * np.eye(6)), np.zeros(6)
+
+    def rates(y, k_I):
+        x, x_dot, z = (value * push for value in y)
+        state = HybridState(gains, gains, still, push, still, still, still, still, z)
+        step = hybrid_adaptive(
+            x[:3], np.eye(3), np.eye(6), x_dot, -K / softer * x, np.zeros(3), np.eye(3), still, push, still, state,
+            np.eye(3), np.full(6, K), LOOP, LOOP, 0.1, 1.0, force_integral=k_I,
+        )  # fmt: skip
+        return np.array([y[1], (step.command[0] - K / softer * y[0]) / mass, step.state.integral[0] - y[2]])
+
+    for share in (0.99, 1.01):
+        k_I = share * 2 * damping * omega * (1 + K_p)
+        A = np.column_stack([rates(y, k_I) for y in np.eye(3)])
+        assert (np.linalg.eigvals(A).real.max() < 0) == (share < 1)
+
+
 def controller(arm, **changes):
     tool = arm.forward_kinematics(np.full(arm.n, 0.5))
     gains, force_gains = hybrid_gains(arm, np.full(arm.n, 0.5), 1e4, 20.0, 90.0)
@@ -319,8 +379,15 @@ def test_modes_hold_from_their_times_on(reference):
         ({"period": -1.0}, "period"),
         ({"beta_1": -1.0}, "beta_1"),
         ({"force_beta_2": -1.0}, "force: beta_2"),
-        ({"force_gains": Gains(np.eye(6), np.eye(5))}, "force_gains: gains: expected K_d"),
-        ({"force_model": reference_model(np.ones(2), np.ones(2))}, "force_model"),
+        ({"force_gains": Gains(np.eye(6), np.eye(5))}, "force: gains: expected K_d"),
+        ({"force_integral": -1.0}, "force_integral"),
+        ({"touch": np.full(6, np.nan)}, "touch"),
+        ({"practice": Practice(gain_bound=1.0), "gains": Gains(np.eye(6), np.zeros((6, 6)))}, r"expected .* K_d\(0\)"),
+        (
+            {"force_practice": Practice(gain_bound=1.0), "force_gains": Gains(-2 * np.eye(6), np.eye(6))},
+            "force: gain_bound",
+        ),
+        ({"force_model": reference_model(np.ones(2), np.ones(2))}, "force: model"),
         ({"practice": Practice(torque_limit=np.ones(3))}, "torque_limit"),
         ({"force_practice": Practice(dead_zone=np.ones(3))}, "dead_zone"),
     ],
@@ -343,3 +410,23 @@ def test_bad_functions_are_refused_when_called(reference, changes, words):
     law = controller(reference, **changes)
     with pytest.raises(ValueError, match=words):
         k1607.simulate(reference, law, np.full(7, 0.5), 0.01, control_period=0.001)
+
+
+def test_a_path_out_of_reach_is_refused_only_where_all_is_position_controlled(reference, caplog):
+    """A force may keep the tool from where the path has left the arm's reach; nothing else does."""
+    q, far = np.full(7, 0.5), Line(np.array([5.0, 0.0, 0.0]))
+    law = controller(reference, path=far)
+    law.start(q, np.zeros(7), 1.0)
+    assert "cannot bring 'tool' to [5.0, 0.0, 0.0]" in caplog.text
+    with pytest.raises(UnreachableError):
+        replace(law, modes=Mode(np.zeros(6))).start(q, np.zeros(7), 1.0)
+
+
+def test_a_path_without_velocities_or_orientation_is_refused(reference):
+    tool = reference.forward_kinematics(np.full(7, 0.5))
+    for changes, words in (
+        ({"path": lambda t: tool}, r"path: expected a finite \(3,\) position at t = 0 s"),
+        ({"rotation": None}, r"rotation: expected \(3, 3\), as the path's point at t = 0 s has none"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            controller(reference, **changes).start(np.full(7, 0.5), np.zeros(7), 1.0)

@@ -5,12 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.linalg import eigh, sqrtm
 
 import k1607_pin as k1607
 from k1607_pin.compiled.trace import trace
 from k1607_pin.control.adaptation import Gains, adapted, gain_rates
-from k1607_pin.control.practice import OFF, Practice, filtered, limited, next_gains
-from k1607_pin.report.comparison import figure_drift, gain_drift
+from k1607_pin.control.practice import OFF, Practice, adaptation_rates, filtered, limited, next_gains, relative_size
+from k1607_pin.control.reference_model import reference_model
+from k1607_pin.report.gain_drift import gain_drift
 
 NUMBERS = st.floats(-1e3, 1e3, allow_subnormal=False)
 SQUARE = arrays(float, (3, 3), elements=NUMBERS)
@@ -63,22 +65,101 @@ def test_sigma_leaks_to_the_start_exponentially(K_0, K, sigma):
     assert (1 - sigma * PERIOD) ** 50 == pytest.approx(np.exp(-sigma * 0.5), rel=sigma**2 * PERIOD)
 
 
-@given(SQUARE, st.lists(SQUARE, min_size=1, max_size=20), st.floats(0.0, 2.0))
-def test_the_bound_is_never_exceeded(K_0, rates, bound):
-    start = gains = Gains(K_0, K_0 + 1)
+def random_start(rng, m):
+    """K(0) as an arm's: positive definite, a light direction among heavy ones, coupled."""
+    root = rng.normal(size=(m, m)) * 10.0 ** rng.uniform(-1, 1, (m, 1))
+    return root @ root.T + 1e-3 * np.diag(np.diag(root @ root.T))
+
+
+def pushed(start, rates, bound):
+    gains = start
     for rate in rates:
-        gains = next_gains(start, gains, Gains(1e3 * rate, rate), np.ones(3), 1.0, PERIOD, Practice(gain_bound=bound))
-        for k, k_0 in zip(gains, start, strict=True):
-            assert np.linalg.norm(k - k_0) <= bound * np.linalg.norm(k_0) * (1 + 1e-9) + 1e-9
+        gains = next_gains(start, gains, rate, np.ones(len(start.K_p)), 1.0, PERIOD, Practice(gain_bound=bound))
+    return gains
+
+
+@given(st.integers(0, 10_000), st.integers(1, 7), st.floats(0.01, 0.99))
+def test_bounded_below_one_gains_stay_positive_definite_whatever_pushes_them(seed, m, bound):
+    """x^T K x within (1 +- bound) x^T K(0) x for every x, that is, every axis and none left out."""
+    rng = np.random.default_rng(seed)
+    start = Gains(random_start(rng, m), random_start(rng, m))
+    pushes = [Gains(*(10.0 ** rng.uniform(-3, 6) * np.outer(*rng.normal(size=(2, m))) for _ in "pd")) for _ in range(8)]
+    for k, k_0 in zip(pushed(start, pushes, bound), start, strict=True):
+        assert relative_size(k_0, k - k_0) <= bound * (1 + 1e-6)
+        share = eigh((k + k.T) / 2, k_0, eigvals_only=True)
+        assert 1 - bound - 1e-6 <= share[0] <= share[-1] <= 1 + bound + 1e-6
+        root = np.linalg.inv(np.real(sqrtm(k_0)))
+        assert np.linalg.norm(root @ (k - k_0) @ root, 2) <= bound * (1 + 1e-6) + 1e-9  # of what is not symmetric too
+
+
+@given(st.integers(0, 10_000), st.integers(1, 7), st.booleans())
+def test_the_bound_is_the_same_in_other_units_and_axes(seed, m, units):
+    """x = T z, so that forces go with T^T and gains with T^T K T: metres to centimetres, or any axes."""
+    rng = np.random.default_rng(seed)
+    T = np.diag(10.0 ** rng.uniform(-3, 3, m)) if units else np.linalg.qr(rng.normal(size=(m, m)))[0]
+    start = Gains(*(random_start(rng, m) for _ in "pd"))
+    pushes = [Gains(*(1e3 * np.outer(*rng.normal(size=(2, m))) for _ in "pd")) for _ in range(5)]
+
+    def turned(gains):
+        return Gains(*(T.T @ k @ T for k in gains))
+
+    there = pushed(turned(start), [turned(push) for push in pushes], 0.5)
+    here = turned(pushed(start, pushes, 0.5))
+    for a, b, k_0 in zip(there, here, turned(start), strict=True):
+        size = np.sqrt(np.outer(np.diag(k_0), np.diag(k_0)))
+        assert np.abs((a - b) / size).max() < 1e-6
+
+
+def test_distance_of_diagonal_gains_is_the_root_of_the_sum_of_shares():
+    """By hand: N/m and N m/rad side by side."""
+    assert relative_size(np.diag([4e4, 9.0]), np.diag([5e4, 9.0]) - np.diag([4e4, 9.0])) == pytest.approx(0.25)
+    assert relative_size(np.diag([4e4, 9.0]), np.diag([4e4, 12.0]) - np.diag([4e4, 9.0])) == pytest.approx(1 / 3)
+    assert relative_size(np.diag([4e4, 9.0]), np.array([[4e4, 60.0], [0, 9.0]]) - np.diag([4e4, 9.0])) == pytest.approx(
+        60 / 600
+    )
 
 
 def test_the_bound_projects_towards_the_start_and_lets_back_in():
     start, practice = Gains(np.eye(3), np.eye(3)), Practice(gain_bound=0.5)
     push = Gains(1e3 * np.diag([1.0, 0, 0]), np.zeros((3, 3)))
     out = next_gains(start, start, push, np.ones(3), 1.0, PERIOD, practice)
-    assert out.K_p - start.K_p == pytest.approx(np.diag([0.5 * np.sqrt(3), 0, 0]))
+    assert out.K_p - start.K_p == pytest.approx(np.diag([0.5, 0, 0]))
     back = next_gains(start, out, Gains(-push.K_p / 100, push.K_d), np.ones(3), 1.0, PERIOD, practice)
     assert back.K_p == pytest.approx(out.K_p - np.diag([0.1, 0, 0]))
+
+
+@pytest.mark.parametrize("start", [np.zeros((3, 3)), np.diag([1.0, 0, 1]), np.diag([1.0, -1, 1])])
+def test_a_bound_without_a_measure_is_refused(start):
+    with pytest.raises(
+        ValueError, match=r"gain_bound: expected a positive definite K_d\(0\) to measure by, got an eig"
+    ):
+        Practice(gain_bound=1.0).check(7, 3, Gains(np.eye(3), start))
+    Practice().check(7, 3, Gains(np.eye(3), start))
+
+
+@given(st.integers(0, 10_000), st.integers(1, 7))
+def test_rates_move_each_gain_by_the_share_of_itself_that_is_asked_for(seed, m):
+    """K_p under the error at which K_p holds the disturbance, K_d under the rate at which K_d does."""
+    rng = np.random.default_rng(seed)
+    gains = Gains(*(random_start(rng, m) for _ in "pd"))
+    model = reference_model(rng.uniform(1, 4, m), rng.uniform(2, 5, m))
+    load, still = rng.normal(size=m), np.zeros(m)
+    beta_1, beta_2 = adaptation_rates(gains, model, load, 0.3)
+    e, rate = np.linalg.solve(gains.K_p, load), np.linalg.solve(gains.K_d, load)
+    for k, errors, at in ((gains.K_p, (e, still), 0), (gains.K_d, (still, rate), 1)):
+        moving = gain_rates(model.P_2, model.P_3, beta_1, beta_2, *errors)[at]
+        assert relative_size(k, moving) == pytest.approx(0.3, rel=1e-6)
+    # of a load twice as heavy the gains learn four times as fast
+    assert adaptation_rates(gains, model, 2 * load, 0.3) == pytest.approx((beta_1 / 4, beta_2 / 4))
+
+
+@pytest.mark.parametrize(("load", "rate"), [(np.zeros(3), 1.0), (np.ones(2), 1.0), (np.full(3, np.nan), 1.0)])
+def test_rates_for_nothing_are_refused(load, rate):
+    gains, model = Gains(np.eye(3), np.eye(3)), reference_model(np.ones(3), np.ones(3))
+    with pytest.raises(ValueError, match=r"disturbance: expected \(3,\)"):
+        adaptation_rates(gains, model, load, rate)
+    with pytest.raises(ValueError, match="rate"):
+        adaptation_rates(gains, model, np.ones(3), -rate)
 
 
 @given(SQUARE, SQUARE, arrays(float, 3, elements=st.floats(-1.0, 1.0)), st.floats(0.1, 2.0))
@@ -163,6 +244,7 @@ def test_traced_equals_floats(practice):
     traced, rng = trace(step, "step", shapes), np.random.default_rng(5)
     for _ in range(30):
         arguments = [rng.normal(size=shape) for shape in shapes]
+        arguments[:2] = [k @ k.T + np.eye(3) for k in arguments[:2]]
         for a, b in zip(step(*arguments), traced(*(np.ravel(x) for x in arguments)), strict=True):
             assert np.abs(np.array(b).reshape(a.shape) - a).max() < 1e-12 * (1 + np.abs(a).max())
 
@@ -211,8 +293,3 @@ def test_each_option_keeps_them_where_they_are(drift):
         assert np.isfinite(K_d).all()
         assert np.abs(K_d - 1).max() <= within, option
     assert float(drift.error.sel(option="leak").max()) < 1e-3  # rad
-
-
-def test_it_can_be_drawn(drift):
-    figure = figure_drift(drift)
-    assert [len(axes.lines) for axes in figure.axes] == [4, 4]

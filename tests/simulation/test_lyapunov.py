@@ -13,7 +13,9 @@ from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
 from k1607_pin.control.lyapunov import NEEDED, _disturbance, lyapunov
 from k1607_pin.control.posture import hold
 from k1607_pin.control.reference_model import reference_model
+from k1607_pin.paths.cartesian_plan import plan_poses
 from k1607_pin.paths.report_paths import Line
+from k1607_pin.paths.timing import Limits
 from k1607_pin.simulation.integrators import runge_kutta_4
 from k1607_pin.simulation.observe import ObserveOperationalSpace
 from k1607_pin.simulation.plant import Plant
@@ -100,6 +102,25 @@ def test_disturbances_are_in_the_account(kind):
     assert apart.max() < 0.02 * np.abs(rate).max()
     # and without the term it would not close
     assert np.abs(v.disturbance).max() > 5 * apart.max()
+
+
+def test_the_account_closes_along_a_path_that_turns():
+    """68 deg in a second; without the wanted angular velocity and acceleration it would not."""
+    arm, q0 = load("k1607", gravity=False), POSTURES["k1607"]
+    T = arm.forward_kinematics(q0)
+    end = pin.SE3(T.rotation @ pin.exp3(np.deg2rad([20.0, 0, 65])), T.translation + np.array([0.0, 0.1, 0.05]))
+    plan = plan_poses(arm, [end], q0, angular=Limits(2.0, 8.0, 80.0))
+    law = CartesianAdaptive(arm, plan, None, gains_from_inertia(arm, q0, 10.0), MODEL, 1e4, 1e4, 0.001)
+    log = simulate(arm, law, q0, 0.6, None, 0.001, 0.001, runge_kutta_4, observe=OBSERVE)
+
+    def gap(log):
+        v = lyapunov(log, MODEL, 1e4, 1e4)
+        rate = v.v_rate.values
+        return np.abs(v.v_rate_measured.values[:-1] - (rate[:-1] + rate[1:]) / 2).max() / np.abs(rate).max()
+
+    assert gap(log) < 5e-4
+    for name in ("wanted_angular_velocity", "wanted_angular_acceleration"):
+        assert gap(log.assign({name: 0 * log[name]})) > 10 * gap(log)
 
 
 def test_a_turned_tool_s_error_changes_by_more_than_its_rate():

@@ -207,6 +207,49 @@ def test_a_push_from_outside_does_its_work_and_no_more():
     assert abs(float(log.energy_residual[-1])) < 1e-5 * outside[-1]
 
 
+@pytest.mark.parametrize("axes", ["base", "frame"])
+def test_the_wrench_on_the_tool_is_the_world_s_in_base_axes_about_its_origin(arm, axes):
+    """At the tool it does to the joints what the world did, whichever frame of the tool's body and whichever axes it came in."""
+    model, rng = arm.model, np.random.default_rng(8)
+    q0 = posture(arm)
+    bodies = {frame.name: frame.parentJoint for frame in model.frames if frame.name != "universe"}
+    tool_body = [name for name, joint in bodies.items() if joint == bodies[arm.tool_frame]]
+    assert len(tool_body) > 1
+    for frame in (None, *tool_body):
+        force, moment = rng.normal(size=(2, 3))
+
+        def external(t, q, v, frame=frame, force=force, moment=moment):
+            return Wrench(t * force, t * moment, frame, axes)
+
+        log = simulate(arm, Hold(arm), q0, 0.03, np.full(arm.n, 0.2), external=external)
+        for k, q in enumerate(log.q.values):
+            w = np.concatenate([log.contact_force.values[k], log.contact_moment.values[k]])
+            assert arm.jacobian(q).T @ w == pytest.approx(log.passive_torque.values[k], abs=1e-13)
+            turned = arm.forward_kinematics(q, frame).rotation if axes == "frame" else np.eye(3)
+            assert w[:3] == pytest.approx(turned @ force * log.time.values[k], abs=1e-14)
+    assert log.contact_force.dims == log.contact_moment.dims == ("time", "axis")
+    assert (log.contact_force.units, log.contact_moment.units) == ("N", "N m")
+
+
+def test_a_wrench_on_another_link_is_not_the_tool_s(arm):
+    name = next(frame.name for frame in arm.model.frames if frame.parentJoint == arm.n - 1)  # the one before it
+    log = simulate(arm, Hold(arm), posture(arm), 0.02, external=lambda t, q, v: Wrench(np.ones(3), frame=name))
+    assert np.abs(log.passive_torque).max() > 0.01
+    assert not log.contact_force.values.any()
+    assert not log.contact_moment.values.any()
+
+
+def test_contact_is_logged_with_a_world_only_and_is_zero_while_that_does_nothing():
+    arm = k1607.load_k1607()
+    alone = simulate(arm, Hold(arm), posture(arm), 0.02)
+    assert not {"contact_force", "contact_moment"} & set(alone)
+    idle = simulate(arm, Hold(arm), posture(arm), 0.02, external=lambda t, q, v: None)
+    assert idle.drop_vars(["contact_force", "contact_moment"]).identical(alone)
+    assert not idle.contact_force.values.any()
+    with pytest.raises(ValueError, match="simulate's own, got contact_force"):
+        simulate(arm, Hold(arm), posture(arm), 0.02, observe=lambda arm, q, v: {"contact_force": np.zeros(3)})
+
+
 def test_an_observer_sees_the_arm_with_its_payload():
     arm = k1607.load_k1607()
 

@@ -87,6 +87,8 @@ def test_a_free_arm_bounces_off_and_the_wall_gives_back_what_it_took(arm):
         depth = np.array([wall.depth(x) for x in log.tool_position.values])
         assert depth[0] < 0 < depth.max()
         assert depth[-1] < 0
+        measured = [wall.sensor(arm)(*x)[:3] for x in zip(log.time.values, log.q.values, log.v.values, strict=True)]
+        assert np.array_equal(log.contact_force, measured)
         speed = float(wall.normal @ (arm.jacobian(log.q.values[-1]) @ log.v.values[-1])[:3])
         assert speed > 0
         lost[c] = -float(log.external_work[-1])

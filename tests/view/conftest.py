@@ -1,5 +1,6 @@
 """A real browser, and pictures of what it shows."""
 
+import base64
 import io
 import os
 import shutil
@@ -8,8 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import umsgpack
 from PIL import Image
 from scipy import ndimage
+
+from k1607_pin.view.offline import Recorder
+from k1607_pin.view.scene import Scene
 
 SIZE = {"width": 720, "height": 560}
 ARGUMENTS = [
@@ -124,3 +129,65 @@ def _shown(mask: np.ndarray) -> bool:
 def shown() -> Callable[[np.ndarray], bool]:
     """The check that a mask of pixels is an arm as one wants to see it."""
     return _shown
+
+
+class Drawn:
+    """What a scene with a run has sent: objects and tracks by their path below /meshcat/run."""
+
+    def __init__(self, arm, run, wall=None):
+        window = Recorder()
+        self.scene = Scene(arm, window)
+        self.scene.play(run, wall=wall)
+        self.sent = [umsgpack.unpackb(data) for data in window._commands.values()]
+        self.objects = {x["path"]: x["object"] for x in self.sent if x["type"] == "set_object"}
+        (animation,) = (x for x in self.sent if x["type"] == "set_animation")
+        self.clips = {
+            clip["path"]: {
+                track["name"]: (floats(track["times"]), floats(track["values"])) for track in clip["clip"]["tracks"]
+            }
+            for clip in animation["animations"]
+        }
+
+    def track(self, node, name):
+        return self.clips[f"/meshcat/run/{node}"][name]
+
+    @property
+    def legend(self):
+        (image,) = self.objects["/Cameras/default/rotated/<object>/legend"]["images"]
+        return base64.b64decode(image["url"].partition(",")[2]).decode()
+
+    def vertices(self, node):
+        (geometry,) = self.objects[f"/meshcat/run/{node}"]["geometries"]
+        return floats(geometry["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
+
+
+def floats(values):
+    return np.frombuffer(values.data, "<f4") if isinstance(values, umsgpack.Ext) else np.array(values)
+
+
+@pytest.fixture(scope="session")
+def draw() -> type[Drawn]:
+    """Draws a run: arm, run, wall -> what the scene has sent."""
+    return Drawn
+
+
+@pytest.fixture
+def scrub(page: Any) -> Callable[[float], None]:
+    """Moves the viewer's slider to a time [s]."""
+    return lambda seconds: page.evaluate(
+        "(t) => { viewer.animator.pause(); viewer.animator.time_scrubber.setValue(t); }", seconds
+    )
+
+
+@pytest.fixture
+def count() -> Callable[..., int]:
+    """How many pixels (K, 3) have a colour: ((lowest, highest hue), least saturation)."""
+    return _count
+
+
+def _count(pixels, colour):
+    import matplotlib.colors
+
+    (low, high), least = colour
+    hue, saturation, _ = np.moveaxis(matplotlib.colors.rgb_to_hsv(pixels / 255), -1, 0)
+    return int(((hue > low) & (hue < high) & (saturation > least)).sum())

@@ -1,10 +1,7 @@
 """Simulated runs: what is drawn of them, when it is seen, and what is refused."""
 
-import base64
-
 import numpy as np
 import pytest
-import umsgpack
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
@@ -43,43 +40,14 @@ def a_run(arm, rest=BENT, rate=100.0, start=0.0):
     )
 
 
-class Drawn:
-    """What a scene with a run has sent: objects and tracks by their path below /meshcat/run."""
-
-    def __init__(self, arm, run):
-        window = Recorder()
-        self.scene = Scene(arm, window)
-        self.scene.play(run)
-        self.sent = [umsgpack.unpackb(data) for data in window._commands.values()]
-        self.objects = {x["path"]: x["object"] for x in self.sent if x["type"] == "set_object"}
-        (animation,) = (x for x in self.sent if x["type"] == "set_animation")
-        self.clips = {
-            clip["path"]: {
-                track["name"]: (floats(track["times"]), floats(track["values"])) for track in clip["clip"]["tracks"]
-            }
-            for clip in animation["animations"]
-        }
-
-    def track(self, node, name):
-        return self.clips[f"/meshcat/run/{node}"][name]
-
-    def vertices(self, node):
-        (geometry,) = self.objects[f"/meshcat/run/{node}"]["geometries"]
-        return floats(geometry["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
-
-
-def floats(values):
-    return np.frombuffer(values.data, "<f4") if isinstance(values, umsgpack.Ext) else np.array(values)
-
-
 def held(times, values, t):
     """The value that the viewer holds at t, of a track in steps."""
     return values[np.searchsorted(times, t, side="right") - 1]
 
 
 @pytest.fixture(scope="module")
-def drawn(reference):
-    return Drawn(reference, a_run(reference, start=7.0))
+def drawn(reference, draw):
+    return draw(reference, a_run(reference, start=7.0))
 
 
 # When the payload is seen
@@ -106,7 +74,9 @@ def test_the_ball_has_the_payloads_mass_at_one_density(drawn):
 def test_keys_of_any_payload(masses, rate, start):
     masses = np.array(masses)
     seconds = np.arange(len(masses)) / rate
-    times, carried = payload_keys(Run(start + seconds, np.zeros((len(masses), 7)), None, masses))
+    times, carried = payload_keys(
+        Run(start + seconds, np.zeros((len(masses), 7)), None, masses, np.zeros((len(masses), 3)), None)
+    )
     assert times[0] == 0.0
     assert times[-1] == pytest.approx(seconds[-1])
     assert (np.diff(times) > 0).all()
@@ -123,10 +93,10 @@ def test_keys_of_any_payload(masses, rate, start):
         assert (masses == carried[now]).all()  # sparse ones are kept whole
 
 
-def test_a_ramp_grows_the_ball_by_frames_and_not_by_samples(reference):
+def test_a_ramp_grows_the_ball_by_frames_and_not_by_samples(reference, draw):
     run = a_run(reference, rate=1000.0)
     run["payload"] = ("time", np.clip(run.time.values - 1, 0, 2))  # kg
-    times, scale = Drawn(reference, run).track("payload/<object>", ".scale")
+    times, scale = draw(reference, run).track("payload/<object>", ".scale")
     radii = scale.reshape(-1, 3)[:, 0]
     assert 100 < len(times) < 130
     growing = (times > 1.1) & (times < 3)
@@ -163,11 +133,11 @@ def test_the_actual_path_reaches_to_the_tool_and_no_farther(reference, drawn):
     np.testing.assert_allclose(middles[1:, 0], middles[:-1, 1], atol=1e-6)  # no gaps
 
 
-def test_every_track_is_as_long_as_the_run(reference, drawn):
+def test_every_track_is_as_long_as_the_run(reference, drawn, draw):
     """The viewer repeats each thing after its own last key: a shorter one would fall out of step."""
     stops_dead = a_run(reference)
     stops_dead["q"][100:] = stops_dead.q[100].values
-    for shown in (drawn, Drawn(reference, stops_dead.drop_vars("tool_position"))):
+    for shown in (drawn, draw(reference, stops_dead.drop_vars("tool_position"))):
         assert {float(times[0]) for clip in shown.clips.values() for times, _ in clip.values()} == {0.0}
         assert {float(times[-1]) for clip in shown.clips.values() for times, _ in clip.values()} == {4.0}
 
@@ -226,36 +196,31 @@ def test_a_tube_has_its_radius_all_along(along):
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_any_arm(name):
+def test_any_arm(name, draw):
     arm = k1607.load_example(name)
     rest = np.array([0.0, -0.4, 0.2, -2.0, 0.1, 1.7, 0.8])
-    assert "/meshcat/run/payload" in Drawn(arm, a_run(arm, rest)).objects
+    assert "/meshcat/run/payload" in draw(arm, a_run(arm, rest)).objects
 
 
-def legend(drawn):
-    (image,) = drawn.objects["/Cameras/default/rotated/<object>/legend"]["images"]
-    return base64.b64decode(image["url"].partition(",")[2]).decode()
-
-
-def test_the_legend_names_what_is_there(reference, drawn):
+def test_the_legend_names_what_is_there(reference, drawn, draw):
     for text in ("actual path", "desired path", "payload, 4.5 kg"):
-        assert f">{text}</text>" in legend(drawn)
+        assert f">{text}</text>" in drawn.legend
     run = a_run(reference)
     run["payload"] = run.payload * np.linspace(0.5, 1, len(run.time))
-    assert "payload, up to 3.65 kg" in legend(Drawn(reference, run))
+    assert "payload, up to 3.65 kg" in draw(reference, run).legend
 
 
-def test_a_run_of_angles_alone_shows_the_actual_path_alone(reference):
-    drawn = Drawn(reference, a_run(reference)[["q"]])
+def test_a_run_of_angles_alone_shows_the_actual_path_alone(reference, draw):
+    drawn = draw(reference, a_run(reference)[["q"]])
     assert {path.split("/")[-1] for path in drawn.objects if "/run/" in path} == {"actual", "actual now"}
-    assert ">actual path<" in legend(drawn)
-    assert "desired" not in legend(drawn)
-    assert "payload" not in legend(drawn)
+    assert ">actual path<" in drawn.legend
+    assert "desired" not in drawn.legend
+    assert "payload" not in drawn.legend
 
 
-def test_an_arm_that_stays_where_it_is_has_a_point_and_no_path(reference):
+def test_an_arm_that_stays_where_it_is_has_a_point_and_no_path(reference, draw):
     run = a_run(reference).isel(time=slice(310, None))
-    drawn = Drawn(reference, run)
+    drawn = draw(reference, run)
     assert {path.split("/")[-1] for path in drawn.objects if "/run/" in path} == {"actual now", "wanted now"}
 
 
@@ -283,7 +248,7 @@ def test_ten_thousand_samples_make_a_small_page(reference):
     assert page == view.html(reference, run)
 
 
-def test_a_simulation_that_failed_is_drawn_as_far_as_it_came(reference):
+def test_a_simulation_that_failed_is_drawn_as_far_as_it_came(reference, draw):
     class Runaway:
         def start(self, q, v, duration=None):
             return None
@@ -295,12 +260,12 @@ def test_a_simulation_that_failed_is_drawn_as_far_as_it_came(reference):
         k1607.simulate(reference, Runaway(), BENT, 2.0)
     log = failed.value.log
     assert 2 <= log.sizes["time"] < 100
-    Drawn(reference, log)
+    draw(reference, log)
 
 
-def test_a_run_of_one_sample_is_a_picture(reference):
+def test_a_run_of_one_sample_is_a_picture(reference, draw):
     run = a_run(reference).isel(time=slice(150, 151))
-    drawn = Drawn(reference, run)
+    drawn = draw(reference, run)
     times, positions = drawn.track("actual now", ".position")
     assert times[-1] == pytest.approx(1 / FRAMES_PER_SECOND)
     np.testing.assert_allclose(positions.reshape(-1, 3), np.repeat(run.tool_position.values, len(times), 0), atol=1e-6)
@@ -372,23 +337,11 @@ def test_angles_beside_a_run_are_refused(reference):
 # What a person sees
 
 
-def scrub(page, seconds):
-    page.evaluate("(t) => { viewer.animator.pause(); viewer.animator.time_scrubber.setValue(t); }", seconds)
-
-
 PURPLE, ORANGE, DARK = ((0.74, 0.88), 0.2), ((0.04, 0.12), 0.7), ((0.55, 0.68), 0.6)  # hues, least saturation
 
 
-def count(pixels, colour):
-    import matplotlib.colors
-
-    (low, high), least = colour
-    hue, saturation, _ = np.moveaxis(matplotlib.colors.rgb_to_hsv(pixels / 255), -1, 0)
-    return int(((hue > low) & (hue < high) & (saturation > least)).sum())
-
-
 @pytest.mark.parametrize("name", ["k1607", "panda"])
-def test_the_payload_is_in_the_picture_while_it_is_carried(name, page, picture, pixels_of, tmp_path):
+def test_the_payload_is_in_the_picture_while_it_is_carried(name, page, picture, pixels_of, tmp_path, scrub, count):
     arm = k1607.load_k1607() if name == "k1607" else k1607.load_example(name)
     rest = BENT if name == "k1607" else np.array([0.0, -0.4, 0.2, -2.0, 0.1, 1.7, 0.8])
     path = view.save_html(arm, tmp_path / "run.html", a_run(arm, rest))
@@ -397,7 +350,7 @@ def test_the_payload_is_in_the_picture_while_it_is_carried(name, page, picture, 
     page.evaluate("drawn")
     assert not page.evaluate("viewer.scene_tree.find(['meshcat', 'frames']).object.visible")
     for seconds, seen in ((0.9, False), (1.1, True), (2.6, False)):
-        scrub(page, seconds)
+        scrub(seconds)
         mask = pixels_of("meshcat/run/payload")
         assert mask.any() == seen
         if seen:
@@ -406,13 +359,15 @@ def test_the_payload_is_in_the_picture_while_it_is_carried(name, page, picture, 
     assert page.errors == []
 
 
-def test_the_actual_path_grows_beside_the_wanted_one_and_both_are_told_apart(page, picture, pixels_of, tmp_path):
+def test_the_actual_path_grows_beside_the_wanted_one_and_both_are_told_apart(
+    page, picture, pixels_of, tmp_path, scrub, count
+):
     arm = k1607.load_k1607()
     page.goto(view.save_html(arm, tmp_path / "run.html", a_run(arm)).as_uri())
     page.evaluate("drawn")
     lengths = []
     for seconds in (0.0, 0.8, 1.5):
-        scrub(page, seconds)
+        scrub(seconds)
         lengths.append(pixels_of("meshcat/run/actual").sum())
         wanted = pixels_of("meshcat/run/wanted")
         assert wanted.sum() > 300
@@ -428,14 +383,14 @@ def test_the_actual_path_grows_beside_the_wanted_one_and_both_are_told_apart(pag
 
 
 @pytest.mark.parametrize(("width", "height"), [(800, 480), (600, 700)])
-def test_the_controls_are_seen_and_do_not_cover_the_run(width, height, page, browser, tmp_path, reference):
+def test_the_controls_are_seen_and_do_not_cover_the_run(width, height, page, browser, tmp_path, reference, scrub):
     page.set_viewport_size({"width": width, "height": height})
     page.goto(view.save_html(reference, tmp_path / "run.html", a_run(reference)).as_uri())
     page.evaluate("drawn")
     for name in ("play", "pause", "reset", "time"):
         assert page.get_by_text(name, exact=True).first.is_visible()
     for seconds in (0.0, 1.5):
-        scrub(page, seconds)
+        scrub(seconds)
         page.evaluate("viewer.render()")
         corners = page.evaluate(
             """() => {
@@ -454,7 +409,7 @@ def test_the_controls_are_seen_and_do_not_cover_the_run(width, height, page, bro
         assert x.max() < left
 
 
-def test_a_run_plays_live_also_for_who_comes_later(page, reference):
+def test_a_run_plays_live_also_for_who_comes_later(page, reference, scrub):
     run = a_run(reference)
     run["payload"] = run.payload.where(run.time < 2, 2 * run.payload)
     with view.show(reference, run) as live:
@@ -462,14 +417,14 @@ def test_a_run_plays_live_also_for_who_comes_later(page, reference):
         page.wait_for_function("viewer.animator.duration > 3.9 && viewer.camera.fov < 40")
         assert page.get_by_text("pause", exact=True).first.is_visible()
         for seconds, seen in ((0.5, False), (1.5, True), (3.0, False)):
-            scrub(page, seconds)
+            scrub(seconds)
             path = ["meshcat", "run", "payload", "<object>"]
             assert page.evaluate("(path) => viewer.scene_tree.find(path).object.visible", path) == seen
             path = ["meshcat", "run", "actual", "<object>"]
             drawn = page.evaluate("(path) => viewer.scene_tree.find(path).object.geometry.drawRange.count", path)
             assert 0 < drawn < np.inf
             assert drawn % INDICES == 0
-        scrub(page, 1.9)  # between two keys
+        scrub(1.9)  # between two keys
         radius = page.evaluate("viewer.scene_tree.find(['meshcat', 'run', 'payload', '<object>']).object.scale.x")
         assert DENSITY * 4 / 3 * np.pi * radius**3 == pytest.approx(MASS, rel=1e-5)
         live.display(BENT)

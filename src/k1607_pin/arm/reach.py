@@ -44,12 +44,19 @@ class Followed(NamedTuple):
     """(N,) smallest singular value of J; 0 for fewer than six joints"""
 
 
-def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.ndarray, duration: float) -> Followed:
+def rotation_of(point: Any, held: Any) -> Any:
+    """(3, 3) wanted orientation, tool in base: the path's point's own ``rotation``, or where it has none the one held."""
+    own = getattr(point, "rotation", None)
+    return held if own is None else own
+
+
+def follow(arm: Arm, path: Callable[[float], Any], rotation: Any, q: np.ndarray, duration: float) -> Followed:
     """A posture within the limits for points of the path, evenly spaced in time, each found from the one before.
 
     Parameters
     ----------
-    path : time [s] -> wanted .position (3,) m; rotation : (3, 3) wanted orientation, held; q : (n,) where to start looking, rad.
+    path : time [s] -> wanted .position (3,) m, and .rotation (3, 3) tool in base if it turns.
+    rotation : (3, 3) held by a path without, else not looked at; q : (n,) where to start looking, rad.
 
     Raises
     ------
@@ -63,7 +70,9 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, q: np.n
     jumps: list[float] = []
     sigma: list[float] = []
     for t in times:
-        wanted = pin.SE3(np.asarray(rotation, dtype=float), np.asarray(path(t).position, dtype=float))
+        point = path(t)
+        R = np.asarray(rotation_of(point, rotation), dtype=float)
+        wanted = pin.SE3(R, np.asarray(point.position, dtype=float))
         near = newton(arm, wanted, q, CLOSE)
         if near is None:
             found = inverse_kinematics(arm, wanted, q, CLOSE, CLOSE)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from k1607_pin.arm.arm import Arm
+from k1607_pin.arm.arm import Arm, frame_id
 
 AXES = ("base", "frame")
 
@@ -46,8 +46,34 @@ def wrench_torque(arm: Arm, q: np.ndarray, wrench: Wrench) -> np.ndarray:
     ValueError
         The arm has no such frame.
     """
+    return arm.jacobian(q, wrench.frame).T @ _in_base_axes(arm, q, wrench)
+
+
+def wrench_at_tool(arm: Arm, q: np.ndarray, wrench: Wrench) -> np.ndarray:
+    """(6,) N, N m: what the wrench does to the tool at q (n,), about the tool's origin, base axes.
+
+    Zero where it acts on another body than the one that carries the tool: that body only feels it through the joints.
+
+    Raises
+    ------
+    ValueError
+        The arm has no such frame.
+    """
+    w = _in_base_axes(arm, q, wrench)
+    if wrench.frame in (None, arm.tool_frame):
+        return w
+    model = arm.model
+    on, tool = (model.frames[frame_id(model, name, "frame")].parentJoint for name in (wrench.frame, arm.tool_frame))
+    if on != tool:
+        return np.zeros(6)
+    arm_of_force = arm.forward_kinematics(q, wrench.frame).translation - arm.forward_kinematics(q).translation
+    return np.concatenate([w[:3], w[3:] + np.cross(arm_of_force, w[:3])])
+
+
+def _in_base_axes(arm: Arm, q: np.ndarray, wrench: Wrench) -> np.ndarray:
+    """(6,) N, N m about the origin of the wrench's own frame."""
     force, moment = wrench.force, wrench.moment
     if wrench.axes == "frame":
         R = arm.forward_kinematics(q, wrench.frame).rotation
         force, moment = R @ force, R @ moment
-    return arm.jacobian(q, wrench.frame).T @ np.concatenate([force, moment])
+    return np.concatenate([force, moment])

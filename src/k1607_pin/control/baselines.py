@@ -12,8 +12,9 @@ import numpy as np
 import pinocchio as pin
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.arm.reach import rotation_of
+from k1607_pin.control import pose
 from k1607_pin.control.adaptation import Gains, checked_gains, proportional_derivative
-from k1607_pin.control.cartesian import CartesianAdaptive, pose_error
 from k1607_pin.control.joint_space import ERRORS, JointPath, check_path, errors
 from k1607_pin.control.posture import Posture, posture_torque
 
@@ -94,52 +95,43 @@ class OperationalSpaceControl:
     Raises
     ------
     ValueError
-        omega not positive, rotation not (3, 3).
+        omega not positive, a rotation that is none; when it starts, a path whose points lack what `PosePath` says.
     """
 
     arm: Arm
-    path: Any
-    """Time [s] -> wanted .position, .velocity, .acceleration (3,) of the tool's origin, base axes, SI"""
-    rotation: np.ndarray
-    """(3, 3) wanted orientation, tool in base, held"""
+    path: pose.PosePath
+    rotation: Any
+    """(3, 3) wanted orientation, tool in base, held by a path whose points have no rotation: theirs counts. None if they do."""
     omega: float
     """1/s"""
     posture: Posture | None = None
     """What the null space is to keep to; None leaves it to itself"""
 
-    variables: ClassVar = {
-        name: CartesianAdaptive.variables[name]
-        for name in ("error", "error_rate", "wanted_position", "wanted_velocity", "wanted_acceleration")
-    }
+    variables: ClassVar = pose.ERRORS
 
     def __post_init__(self) -> None:
         _require_positive(omega=self.omega)
-        if np.shape(self.rotation) != (3, 3):
-            raise ValueError(f"rotation: expected a (3, 3) rotation matrix, got shape {np.shape(self.rotation)}")
+        if self.rotation is not None:
+            object.__setattr__(self, "rotation", pose.checked_rotation("rotation", self.rotation))
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> None:
         """No state."""
+        pose.check_path(self.path, self.rotation, duration, NEEDED)
 
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: None) -> tuple[np.ndarray, None, Log]:
         """Torque (n,) N m, and the errors."""
-        arm, wanted, still = self.arm, self.path(t), np.zeros(3)
+        arm, wanted = self.arm, self.path(t)
         tool, J, M = arm.forward_kinematics(q), arm.jacobian(q), arm.mass_matrix(q)
-        error = pose_error(tool.translation, tool.rotation, wanted.position, self.rotation)
-        error_rate = np.concatenate([wanted.velocity, still]) - J @ v
-        wish = np.concatenate([wanted.acceleration, still]) + 2 * self.omega * error_rate + self.omega**2 * error
+        R = rotation_of(wanted, self.rotation)
+        error = pose.pose_error(tool.translation, tool.rotation, wanted.position, R)
+        error_rate = pose.wanted_velocity(wanted) - J @ v
+        wish = pose.wanted_acceleration(wanted) + 2 * self.omega * error_rate + self.omega**2 * error
         mobility = J @ np.linalg.solve(M, J.T)  # (6, 6) Lambda^-1
         force = np.linalg.solve(mobility, wish - arm.jacobian_time_variation(q, v) @ v)
         torque = J.T @ force + arm.bias_torque(q, v)
         if self.posture:
             torque = torque + posture_torque(M, J, q, v, *self.posture.path(t), self.posture.omega)
-        log = {
-            "error": error,
-            "error_rate": error_rate,
-            "wanted_position": wanted.position,
-            "wanted_velocity": wanted.velocity,
-            "wanted_acceleration": wanted.acceleration,
-        }
-        return torque, None, log
+        return torque, None, pose.errors(error, error_rate, wanted)
 
 
 @dataclass(frozen=True)
@@ -206,11 +198,11 @@ class Regressor(threading.local):
     """
 
     def __init__(self, arm: Arm) -> None:
-        self._arm, self._model = arm, arm.model
+        self.arm, self._model = arm, arm.model
         self._data = self._model.createData()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self._arm,)
+        return type(self), (self.arm,)
 
     def __call__(self, q: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray) -> np.ndarray:
         """q (n,) rad; v, w (n,) rad/s; a (n,) rad/s^2."""

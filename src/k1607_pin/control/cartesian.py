@@ -1,28 +1,27 @@
 """The Cartesian adaptive scheme, figure 13: PD on the tool's pose error with adapted gains, through J^T to the joints."""
 
-import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.inverse import RIGID
-from k1607_pin.arm.reach import follow
-from k1607_pin.control.adaptation import (
-    Gains,
-    check_adaptation,
-    checked_gains,
-    gain_rates,
-    proportional_derivative,
+from k1607_pin.arm.reach import rotation_of
+from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
+from k1607_pin.control.pose import (
+    ERRORS,
+    PosePath,
+    check_path,
+    check_reach,
+    checked_rotation,
+    errors,
+    pose_error,
+    wanted_velocity,
 )
-from k1607_pin.control.posture import Posture, posture_torque
+from k1607_pin.control.posture import Posture
 from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel
-from k1607_pin.kinematics.orientation import orientation_error
-
-logger = logging.getLogger(__name__)
+from k1607_pin.control.scheme import checked_scheme, other_torque
 
 
 class Step(NamedTuple):
@@ -38,11 +37,6 @@ class Step(NamedTuple):
     """(6,) m/s, rad/s"""
     share: Any
     """Of the torque asked for that the limit lets through, at most 1"""
-
-
-def pose_error(position: Any, rotation: Any, wanted_position: Any, wanted_rotation: Any) -> Any:
-    """(6,) x_e of (41): wanted less actual position [m], and 2 delta s of R_d R^T [rad]."""
-    return np.concatenate([wanted_position - position, orientation_error(wanted_rotation, rotation)])
 
 
 def cartesian_adaptive(
@@ -86,7 +80,7 @@ def cartesian_adaptive(
 
 @dataclass(frozen=True)
 class CartesianAdaptive:
-    """The scheme as a controller for `simulate`: follows a path of the tool's origin, its orientation held.
+    """The scheme as a controller for `simulate`: follows a path of the tool, which turns where the path does.
 
     The report publishes neither the initial gains nor beta_1 and beta_2.
 
@@ -98,10 +92,10 @@ class CartesianAdaptive:
 
     arm: Arm
     """Without a posture to keep to, its kinematics alone are used: the law knows no masses."""
-    path: Callable[[float], Any]
-    """Time [s] -> wanted .position (3,) m, .velocity (3,) m/s and .acceleration (3,) m/s^2 (which is logged, not used)"""
-    rotation: np.ndarray
-    """(3, 3) wanted orientation, tool in base"""
+    path: PosePath
+    """Its accelerations are logged, not used."""
+    rotation: Any
+    """(3, 3) wanted orientation, tool in base, held by a path whose points have no rotation: theirs counts. None if they do."""
     gains: Gains
     """K_p(0), K_d(0), (6, 6) each"""
     model: ReferenceModel
@@ -115,12 +109,7 @@ class CartesianAdaptive:
     practice: Practice = OFF
     """What the report's law lacks"""
 
-    variables: ClassVar[dict[str, tuple[tuple[str, ...], str]]] = {
-        "error": (("direction",), "m, rad"),
-        "error_rate": (("direction",), "m/s, rad/s"),
-        "wanted_position": (("axis",), "m"),
-        "wanted_velocity": (("axis",), "m/s"),
-        "wanted_acceleration": (("axis",), "m/s^2"),
+    variables: ClassVar[dict[str, tuple[tuple[str, ...], str]]] = ERRORS | {
         "K_p": (("row", "column"), "N/m, N/rad; N, N m/rad"),
         "K_d": (("row", "column"), "N s/m, N s/rad; N s, N m s/rad"),
         "torque_share": ((), ""),
@@ -128,15 +117,11 @@ class CartesianAdaptive:
     """What it logs: dimensions and units."""
 
     def __post_init__(self) -> None:
-        R = np.array(self.rotation, dtype=float)
-        if R.shape != (3, 3) or not np.abs(R @ R.T - np.eye(3)).max() < RIGID or np.linalg.det(R) < 0:
-            raise ValueError(f"rotation: expected a (3, 3) rotation matrix, got\n{self.rotation!r}")
-        object.__setattr__(self, "rotation", R)
-        object.__setattr__(self, "gains", checked_gains(self.gains, 6))
-        if self.model.P_2.shape != (6, 6):
-            raise ValueError(f"model: expected one of 6 systems, got {len(self.model.P_2)}")
-        check_adaptation(self.beta_1, self.beta_2, self.period)
-        self.practice.check(self.arm.n, 6)
+        if self.rotation is not None:
+            object.__setattr__(self, "rotation", checked_rotation("rotation", self.rotation))
+        gains = checked_scheme(self.gains, self.model, self.beta_1, self.beta_2, self.period, 6)
+        object.__setattr__(self, "gains", gains)
+        self.practice.check(self.arm.n, 6, gains)
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> AdaptiveState:
         """The initial gains, when there is a posture for every point of the path up to ``duration`` [s].
@@ -146,20 +131,16 @@ class CartesianAdaptive:
         Raises
         ------
         ValueError
-            The path's points at the start or the end are not finite (3,) vectors.
+            The path's points at the start or the end are not what `PosePath` says, or no orientation is given at all.
         UnreachableError
             The arm has no posture within its limits for a point of the path; looked at some four times a second.
         """
-        for t in (0.0, duration):
-            wanted = self.path(t)
-            for name in ("position", "velocity", "acceleration"):
-                x = np.asarray(getattr(wanted, name, None), dtype=float)
-                if x.shape != (3,) or not np.isfinite(x).all():
-                    raise ValueError(f"path: expected a finite (3,) {name} at t = {t:g} s, got {x!r}")
-        if jumps := follow(self.arm, self.path, self.rotation, q, duration).jumps:
-            logger.warning(
-                "%s follows this path only out of its joint limits, from t = %.3g s on", self.arm.name, jumps[0]
-            )
+        check_path(self.path, self.rotation, duration, ("position", "velocity", "acceleration"))
+        check_reach(self.arm, self.path, self.rotation, q, duration)
+        return self.initial(q, v)
+
+    def initial(self, q: Any, v: Any) -> AdaptiveState:
+        """The initial gains, whatever the path; q : (n,) rad; v : (n,) rad/s."""
         return AdaptiveState(self.gains, v)
 
     def update(
@@ -168,17 +149,15 @@ class CartesianAdaptive:
         """Torque (n,), the next state, and the log: errors, what was wanted, and the gains at work."""
         tool, J, wanted = self.arm.forward_kinematics(q), self.arm.jacobian(q), self.path(t)
         v = filtered(state.velocity, v, self.period, self.practice)
-        other = self.arm.gravity_torque(q) if self.practice.gravity else np.zeros(self.arm.n)
-        if self.posture:
-            other = other + posture_torque(self.arm.mass_matrix(q), J, q, v, *self.posture.path(t), self.posture.omega)
+        other = other_torque(self.arm, t, q, v, J, self.practice, self.posture)
         step = cartesian_adaptive(
             tool.translation,
             tool.rotation,
             J,
             v,
             wanted.position,
-            self.rotation,
-            np.concatenate([wanted.velocity, np.zeros(3)]),
+            rotation_of(wanted, self.rotation),
+            wanted_velocity(wanted),
             state.gains,
             self.model.P_2,
             self.model.P_3,
@@ -190,11 +169,7 @@ class CartesianAdaptive:
             self.practice,
         )
         log = {
-            "error": step.error,
-            "error_rate": step.error_rate,
-            "wanted_position": wanted.position,
-            "wanted_velocity": wanted.velocity,
-            "wanted_acceleration": wanted.acceleration,
+            **errors(step.error, step.error_rate, wanted),
             "K_p": state.gains.K_p,
             "K_d": state.gains.K_d,
             "torque_share": step.share,

@@ -7,16 +7,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.control.adaptation import (
-    Gains,
-    check_adaptation,
-    checked_gains,
-    gain_rates,
-    proportional_derivative,
-)
-from k1607_pin.control.cartesian import pose_error
+from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
+from k1607_pin.control.pose import pose_error
 from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel, reference_model
+from k1607_pin.control.scheme import checked_scheme
 
 JointPath = Callable[[float], Any]
 """Time [s] -> wanted .position (n,) rad and .velocity (n,) rad/s; .acceleration (n,) rad/s^2 for laws that feed it forward."""
@@ -103,15 +98,17 @@ class JointAdaptive:
 
     def __post_init__(self) -> None:
         n = self.arm.n
-        object.__setattr__(self, "gains", checked_gains(self.gains, n))
-        if self.model.P_2.shape != (n, n):
-            raise ValueError(f"model: expected one of {n} systems, got {len(self.model.P_2)}")
-        check_adaptation(self.beta_1, self.beta_2, self.period)
-        self.practice.check(n, n)
+        gains = checked_scheme(self.gains, self.model, self.beta_1, self.beta_2, self.period, n)
+        object.__setattr__(self, "gains", gains)
+        self.practice.check(n, n, gains)
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> AdaptiveState:
         """The initial gains, when the path's points from 0 to ``duration`` [s] are what they should be."""
         check_path(self.arm, self.path, duration)
+        return self.initial(q, v)
+
+    def initial(self, q: Any, v: Any) -> AdaptiveState:
+        """The initial gains, whatever the path; q : (n,) rad; v : (n,) rad/s."""
         return AdaptiveState(self.gains, v)
 
     def update(
@@ -215,7 +212,8 @@ def model_from_mass(arm: Arm, q: np.ndarray, omega: float) -> ReferenceModel:
     """The reference model that the gains of `gains_from_mass` make the errors behave as, for n joints.
 
     Q is such that P_2 = diag M and P_3 = diag M / omega: errors and rates weigh alike at omega, and each joint by its inertia.
-    With P_2 = I one beta has to serve a shoulder and a wrist of a thousandth of its inertia, whose gains then run away.
+    With P_2 = I one beta has to serve a shoulder and a wrist of a thousandth of its inertia, whose gains then run away. How
+    large beta may be still depends on the arm: `adaptation_rates` finds it.
 
     q : (n,) rad, or (N, n) postures along the path; omega : 1/s.
     """

@@ -19,8 +19,9 @@ from k1607_pin.control.reference_model import ReferenceModel
 logger = logging.getLogger(__name__)
 
 NEEDED = (
-    "error", "error_rate", "K_p", "K_d", "wanted_velocity", "wanted_acceleration", "tool_position", "payload_changes",
-    "tau", "passive_torque", "Lambda", "Phi", "Gamma", "jacobian_bar", "bias_nullspace", "tool_rotation", "tool_velocity",
+    "error", "error_rate", "K_p", "K_d", "wanted_velocity", "wanted_angular_velocity", "wanted_acceleration",
+    "wanted_angular_acceleration", "tool_position", "tool_rotation", "tool_velocity", "payload_changes", "tau",
+    "passive_torque", "Lambda", "Phi", "Gamma", "jacobian_bar", "bias_nullspace",
 )  # fmt: skip
 
 
@@ -111,8 +112,8 @@ def lyapunov(run: xr.Dataset, model: ReferenceModel, beta_1: float, beta_2: floa
 def _wanted_motion(get: dict[str, np.ndarray]) -> np.ndarray:
     """(N, 18) u of (47); the wanted orientation is x + x_e, as an error of 2 delta s is no difference of rotation vectors."""
     x = np.concatenate([get["tool_position"], get["tool_rotation"]], axis=1)
-    held = np.zeros_like(get["wanted_velocity"])
-    return np.concatenate([x + get["error"], get["wanted_velocity"], held, get["wanted_acceleration"], held], axis=1)
+    rates = (get[f"wanted_{name}"] for name in ("velocity", "angular_velocity", "acceleration", "angular_acceleration"))
+    return np.concatenate([x + get["error"], *rates], axis=1)
 
 
 def _disturbance(get: dict[str, np.ndarray]) -> np.ndarray:
@@ -121,9 +122,9 @@ def _disturbance(get: dict[str, np.ndarray]) -> np.ndarray:
     Upper half: the rate of 2 delta s is eta (w_d - w) + (w_d + w) x delta s; (43) takes w_d - w. Lower half: Lambda^-1 times the
     null space's share of the force, and what the torque on the joints lacks of the law's: limits, friction, stops, the world.
     """
-    w, s = get["tool_velocity"][:, 3:], get["error"][:, 3:] / 2  # the orientation is held: w_d = 0
+    w, w_d, s = get["tool_velocity"][:, 3:], get["wanted_angular_velocity"], get["error"][:, 3:] / 2
     eta = np.sqrt(1 - (s * s).sum(axis=1, keepdims=True))
-    turning = (1 - eta) * w + np.cross(w, s)
+    turning = (eta - 1) * (w_d - w) + np.cross(w_d + w, s)
     law = _times(get["K_p"], get["error"]) + _times(get["K_d"], get["error_rate"])
     applied = _times(get["jacobian_bar"].swapaxes(-1, -2), get["tau"] + get["passive_torque"])
     lower = np.linalg.solve(get["Lambda"], (get["bias_nullspace"] + law - applied)[..., None])[..., 0]

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from k1607_pin.control.adaptation import Gains, adapted
+from k1607_pin.control.adaptation import Gains, adapted, gain_rates
+from k1607_pin.control.reference_model import ReferenceModel
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Practice:
     sigma: float = 0.0
     """1/s: leak of the gains towards K(0), sigma-modification (Ioannou and Kokotovic, 1983)"""
     gain_bound: float = np.inf
-    """Largest distance of a gain matrix from its K(0), in multiples of the Frobenius norm of K(0): projection"""
+    """Largest `relative_size` of what a gain may move from K(0): projection. Below 1 it stays positive definite."""
     dead_zone: Any = 0.0
     """(m,) or one number: adaptation rests while every error is below it; units of the error"""
     torque_limit: Any = None
@@ -46,12 +47,19 @@ class Practice:
                 raise ValueError(f"torque_limit: expected (n,) positive numbers in N m, got {self.torque_limit!r}")
             object.__setattr__(self, "torque_limit", limit)
 
-    def check(self, n: int, m: int) -> None:
-        """Refuse, by `ValueError`, a torque limit that is not (n,) or a dead zone that is neither one number nor (m,)."""
+    def check(self, n: int, m: int, start: Gains) -> None:
+        """Refuse, by `ValueError`, a torque limit that is not (n,), a dead zone that is neither one number nor (m,), and a gain
+        bound where K(0), (m, m), is no measure: where its symmetric part is not positive definite.
+        """
         if self.torque_limit is not None and self.torque_limit.shape != (n,):
             raise ValueError(f"torque_limit: expected ({n},), got {self.torque_limit.shape}")
         if np.shape(self.dead_zone) not in ((), (m,)):
             raise ValueError(f"dead_zone: expected one number or ({m},), got {np.shape(self.dead_zone)}")
+        for name, k in zip(Gains._fields, start, strict=True) if self.gain_bound < np.inf else ():
+            if not (least := np.linalg.eigvalsh(k + k.T)[0] / 2) > 0:
+                raise ValueError(
+                    f"gain_bound: expected a positive definite {name}(0) to measure by, got an eigenvalue of {least:.3g}"
+                )
 
 
 OFF = Practice()
@@ -108,14 +116,53 @@ def _leaking(start: Gains, gains: Gains, rates: Gains, sigma: float) -> Gains:
     return Gains(*(rate - sigma * (k - k0) for k0, k, rate in zip(start, gains, rates, strict=True)))
 
 
+def relative_size(start: Any, change: Any) -> Any:
+    """How large a change of a gain is against K(0), both (m, m): |L^-1 change L^-T| (Frobenius), L L^T K(0)'s symmetric part.
+
+    The same in any coordinates x of the error, where a gain turns into T^T K T: in metres or centimetres, in axes turned anyhow.
+    As no eigenvalue exceeds the norm, x^T change x is at most this share of x^T K(0) x, for every x.
+    """
+    inverse = np.linalg.inv(np.linalg.cholesky((start + start.T) / 2))
+    scaled = inverse @ change @ inverse.T
+    return np.sqrt(np.sum(scaled * scaled))
+
+
+def adaptation_rates(gains: Gains, model: ReferenceModel, disturbance: Any, rate: float) -> tuple[float, float]:
+    """beta_1 and beta_2 with which each gain moves by ``rate`` [1/s] of itself, see `relative_size`, under a disturbance.
+
+    beta multiplies squares of errors, and those that a load makes are as its force over K(0): of gains in proportion to a light
+    wrist's own inertia, a hundred times those of an arm with heavy rotors. A number that suits one arm runs another one's gains
+    away; a rate suits both. K_p is taken with the error that the disturbance holds against it, K_d with its rate against K_d.
+
+    Parameters
+    ----------
+    gains : K(0), (m, m) each, positive definite; disturbance : (m,) N m of joints, or N, N m at the tool: J^T of a payload's
+        weight, or that weight.
+
+    Raises
+    ------
+    ValueError
+        A disturbance that is zero or not (m,) finite numbers, a negative rate.
+    """
+    d, still = np.array(disturbance, dtype=float), np.zeros(len(gains.K_p))
+    if d.shape != still.shape or not np.isfinite(d).all() or not d.any():
+        raise ValueError(f"disturbance: expected ({len(still)},) finite numbers, not all zero, got {disturbance!r}")
+    if not 0 <= rate < np.inf:
+        raise ValueError(f"rate: expected a number >= 0 in 1/s, got {rate!r}")
+    P_2, P_3 = model.P_2, model.P_3
+    of_K_p = gain_rates(P_2, P_3, 1.0, 1.0, np.linalg.solve(gains.K_p, d), still).K_p
+    of_K_d = gain_rates(P_2, P_3, 1.0, 1.0, still, np.linalg.solve(gains.K_d, d)).K_d
+    pairs = ((gains.K_p, of_K_p), (gains.K_d, of_K_d))
+    beta_1, beta_2 = (rate / float(relative_size(k, speed)) for k, speed in pairs)
+    return beta_1, beta_2
+
+
 def _bounded(start: Any, k: Any, bound: float) -> Any:
-    """k, or the point towards ``start`` where the distance to it is ``bound`` of start's own norm."""
+    """k, or the point on the way to it from ``start`` where the bound is."""
     if bound == np.inf:
         return k
     away = k - start
-    reach = bound * np.sqrt(np.sum(start * start))
-    norm = np.sqrt(np.sum(away * away))
-    return start + away * (reach / np.maximum(np.maximum(norm, reach), TINY))
+    return start + away * (bound / np.maximum(np.maximum(relative_size(start, away), bound), TINY))
 
 
-TINY = 1e-300  # where start is zero and nothing has moved: 0 / 0
+TINY = 1e-300  # where nothing may move and nothing has: 0 / 0

@@ -8,7 +8,7 @@ import xarray as xr
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.payload import velocity_after_gripping, with_payload
-from k1607_pin.arm.wrench import Wrench, wrench_torque
+from k1607_pin.arm.wrench import Wrench, wrench_at_tool, wrench_torque
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import NOTHING, PayloadSchedule
@@ -95,11 +95,12 @@ def simulate(
     -------
     Dataset over ``time`` (s, control samples 0 to duration): ``q``, ``v``, ``tau`` (time, joint), the torque held from that time
     on; ``passive_torque`` (time, joint), what friction, stops and the world add to it at the sample; ``tool_position`` (time,
-    axis) m; ``payload`` kg, ``payload_changes`` how often it has changed; and in J ``energy``, ``work`` done by the motors,
-    ``external_work``, ``dissipated`` by friction and stops, ``payload_energy`` brought or taken by payloads, and
-    ``energy_residual`` = energy - energy at 0 - work - external_work + dissipated - payload_energy: what the integrator made or
-    lost. And what controller and observer log, dimensions named after it where they do not say otherwise. Of a prismatic joint
-    read m for rad and N for N m.
+    axis) m; with ``external`` only, ``contact_force`` N and ``contact_moment`` N m (time, axis), the world's on the body that
+    carries the tool, about the tool's origin, base axes, zero while it acts on another link; ``payload`` kg, ``payload_changes``
+    how often it has changed; and in J ``energy``, ``work`` done by the motors, ``external_work``, ``dissipated`` by friction and
+    stops, ``payload_energy`` brought or taken by payloads, and ``energy_residual`` = energy - energy at 0 - work - external_work
+    + dissipated - payload_energy: what the integrator made or lost. And what controller and observer log, dimensions named after
+    it where they do not say otherwise. Of a prismatic joint read m for rad and N for N m.
 
     Raises
     ------
@@ -112,7 +113,7 @@ def simulate(
     bare = plant.arm
     q = bare.as_vector(q0, "q0").copy()
     v = np.zeros(bare.n) if v0 is None else bare.as_vector(v0, "v0").copy()
-    samples, substeps = _grid(duration, control_period, physics_step)
+    samples, substeps = grid(duration, control_period, physics_step)
     if (period := getattr(controller, "period", control_period)) != control_period:
         raise ValueError(
             f"control_period: expected the controller's own period, {period!r} s, got {control_period!r} s"
@@ -148,13 +149,13 @@ def simulate(
         _require_names(log, records)
         tau = plant.motor_torque(asked)
         energy = plant.energy(q, v)
-        push = _push(plant.arm, external, t)
+        pushed, contact = _contact(plant.arm, external, t, q, v)
         records.append(
             {
                 "q": q,
                 "v": v,
                 "tau": tau,
-                "passive_torque": plant.passive_torque(q, v) + (push(q, v) if push else 0.0),
+                "passive_torque": plant.passive_torque(q, v) + pushed,
                 "tool_position": bare.forward_kinematics(q).translation,
                 "payload": carried.mass,
                 "payload_changes": changes,
@@ -164,6 +165,7 @@ def simulate(
                 "dissipated": dissipated,
                 "payload_energy": brought,
                 "energy_residual": energy - start_energy - work - from_outside + dissipated - brought,
+                **contact,
                 **log,
             }
         )
@@ -193,8 +195,19 @@ def _require_names(log: Mapping[str, Any], records: list[dict[str, Any]]) -> Non
     """Refuse a log that would hide simulate's own variables, or that names others than the tick before."""
     if clash := sorted(set(log) & set(VARIABLES)):
         raise ValueError(f"log: expected other names than simulate's own, got {', '.join(clash)}")
-    if records and (changed := sorted(set(records[-1]) ^ (set(log) | set(VARIABLES)))):
+    if records and (changed := sorted((set(records[-1]) - set(VARIABLES)) ^ set(log))):
         raise ValueError(f"log: expected the same names at every tick, got a change of {', '.join(changed)}")
+
+
+def _contact(
+    arm: Arm, external: External | None, t: float, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray | float, dict[str, np.ndarray]]:
+    """What the world does at a control sample: torque (n,) N m on the joints, and what is logged of its wrench on the tool."""
+    if external is None:
+        return 0.0, {}
+    wrench = external(t, q, v) or Wrench()
+    on_tool = wrench_at_tool(arm, q, wrench)
+    return wrench_torque(arm, q, wrench), {"contact_force": on_tool[:3], "contact_moment": on_tool[3:]}
 
 
 Push = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -226,7 +239,7 @@ def _step(
         return step(acceleration, q, v, dt)
 
 
-def _grid(duration: float, control_period: float, physics_step: float) -> tuple[int, int]:
+def grid(duration: float, control_period: float, physics_step: float) -> tuple[int, int]:
     for name, value in (("duration", duration), ("control_period", control_period), ("physics_step", physics_step)):
         if not 0 < value < np.inf:
             raise ValueError(f"{name}: expected a positive time in s, got {value!r}")
@@ -248,6 +261,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str]] = {
     "tau": (("joint",), "N m"),
     "passive_torque": (("joint",), "N m"),
     "tool_position": (("axis",), "m"),
+    "contact_force": (("axis",), "N"),
+    "contact_moment": (("axis",), "N m"),
     "payload": ((), "kg"),
     "payload_changes": ((), ""),
     "energy": ((), "J"),

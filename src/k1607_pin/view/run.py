@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.simulation.wall import Wall
 from k1607_pin.view.motion import FRAMES_PER_SECOND, motion
 
 SAME_PLACE = 1e-3
@@ -23,16 +24,20 @@ class Run(NamedTuple):
     """(N, 3) m, where the tool's origin should be; base axes"""
     payload: np.ndarray
     """(N,) kg, what the hand carries from each time on"""
+    contact: np.ndarray
+    """(N, 3) N of the world on the tool; base axes"""
+    wall: Wall | None
 
 
-def read_run(arm: Arm, run: xr.Dataset, Q: Any = None) -> Run:
+def read_run(arm: Arm, run: xr.Dataset, Q: Any = None, wall: Wall | None = None) -> Run:
     """The parts of a run that are drawn.
 
     Parameters
     ----------
     run : over ``time`` [s], with ``q`` (time, joint) rad and, as far as they are there, ``wanted_position`` (time, axis) m,
-        ``payload`` (time) kg and ``tool_position`` (time, axis) m.
+        ``payload`` (time) kg, ``contact_force`` (time, axis) N and ``tool_position`` (time, axis) m.
     Q : must be None: a run brings its own angles.
+    wall : to draw with it.
 
     Raises
     ------
@@ -45,6 +50,7 @@ def read_run(arm: Arm, run: xr.Dataset, Q: Any = None) -> Run:
     times, Q = _variable(run, "time", "s", ()), _variable(run, "q", "rad", (arm.n,))
     wanted = _variable(run, "wanted_position", "m", (3,)) if "wanted_position" in run else None
     payload = _variable(run, "payload", "kg", ()) if "payload" in run else np.zeros(len(times))
+    contact = _variable(run, "contact_force", "N", (3,)) if "contact_force" in run else np.zeros((len(times), 3))
     if (payload < 0).any():
         k = int(np.argmin(payload))
         raise ValueError(f"run: expected payload >= 0 kg, got {payload[k]:g} kg at {times[k]:g} s")
@@ -58,10 +64,18 @@ def read_run(arm: Arm, run: xr.Dataset, Q: Any = None) -> Run:
             )
     if len(times) == 1:  # a simulation that failed at once: one picture of it
         times = times[0] + np.array([0.0, 1 / FRAMES_PER_SECOND])
-        Q, payload = np.repeat(Q, 2, axis=0), np.repeat(payload, 2)
+        Q, payload, contact = (np.repeat(x, 2, axis=0) for x in (Q, payload, contact))
         wanted = None if wanted is None else np.repeat(wanted, 2, axis=0)
     times, Q = motion(arm, times, Q)
-    return Run(times, Q, wanted, payload)
+    return Run(times, Q, wanted, payload, contact, wall)
+
+
+def require_wall(wall: Wall | None, run: Any) -> None:
+    """Refuse a wall that is none, or that stands beside anything but a run; `ValueError` says which."""
+    if wall is not None and not isinstance(wall, Wall):
+        raise ValueError(f"wall: expected a Wall, as the simulation had it, got {wall!r}")
+    if wall is not None and not isinstance(run, xr.Dataset):
+        raise ValueError("wall: expected it beside a run of simulate, got it without one")
 
 
 def payload_keys(run: Run) -> tuple[np.ndarray, np.ndarray]:
@@ -77,6 +91,19 @@ def payload_keys(run: Run) -> tuple[np.ndarray, np.ndarray]:
     keys = np.concatenate([[0], kept, [len(seconds) - 1]])
     keys = keys[np.diff(keys, append=len(seconds)) > 0]  # a change at the end is the end
     return seconds[keys], run.payload[keys]
+
+
+def contact_keys(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Times from 0 (K,) s and the force on the tool then (K, 3) N: of each of the viewer's frames the largest, and both ends.
+
+    So an impact shorter than a frame is seen, as it was at its largest.
+    """
+    seconds = run.times - run.times[0]
+    frame = np.floor(seconds * FRAMES_PER_SECOND)
+    falling = np.lexsort([-np.linalg.norm(run.contact, axis=1), frame])  # within each frame
+    largest = falling[np.diff(frame, prepend=-1) > 0]
+    keys = np.union1d(largest, [0, len(seconds) - 1])
+    return seconds[keys], run.contact[keys]
 
 
 def _variable(run: xr.Dataset, name: str, unit: str, shape: tuple[int, ...]) -> np.ndarray:

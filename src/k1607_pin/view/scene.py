@@ -12,10 +12,11 @@ from meshcat.path import Path
 from pinocchio.visualize import MeshcatVisualizer
 
 from k1607_pin.arm.arm import Arm, frame_id
+from k1607_pin.simulation.wall import Wall
 from k1607_pin.view import camera, traces
 from k1607_pin.view.collada_mesh import collada_mesh
 from k1607_pin.view.motion import keyframes, motion, pose
-from k1607_pin.view.run import Run, read_run
+from k1607_pin.view.run import Run, read_run, require_wall
 from k1607_pin.view.tracks import Track, clip
 from k1607_pin.view.triads import Label, triad
 
@@ -81,7 +82,7 @@ class Scene:
         for path, placement in zip(self._frame_paths(), self._frame_placements(q), strict=True):
             self.viewer[path].set_transform(placement.homogeneous)
 
-    def play(self, times: Any, Q: Any = None) -> None:
+    def play(self, times: Any, Q: Any = None, wall: Wall | None = None) -> None:
         """Play joint angles Q (N, n) rad at times (N,) s, in real time, over and over; the viewer's slider seeks.
 
         The slider counts from the first of the times. Between two times the angles are linear.
@@ -89,14 +90,18 @@ class Scene:
         Parameters
         ----------
         times : (N,) s; or a run, the `xarray.Dataset` of `simulate`, without Q: then the tool's path is drawn as it comes about,
-            the wanted one dashed, and the payload as a ball at the tool, as long as it is carried and as large as its mass.
+            the wanted one dashed, the payload as a ball at the tool, as long as it is carried and as large as its mass, and its
+            ``contact_force`` as an arrow that ends at the tool, as long as the force is large: the largest in each of the
+            viewer's frames, and a peak far above the rest cut short, see `contact.full_scale`.
+        wall : of the run, drawn as a translucent square around where the tool is opposite to it.
 
         Raises
         ------
         ValueError
-            Times not increasing, fewer than two, wrong shape, not finite; for a run, as `read_run`.
+            Times not increasing, fewer than two, wrong shape, not finite; for a run, as `read_run`; a wall without a run.
         """
-        run = read_run(self.arm, times, Q) if isinstance(times, xr.Dataset) else None
+        require_wall(wall, times)
+        run = read_run(self.arm, times, Q, wall) if isinstance(times, xr.Dataset) else None
         times, Q = motion(self.arm, times, Q) if run is None else (run.times, run.Q)
         self.display(Q[0])
         seconds, Q = keyframes(times, Q)
@@ -177,7 +182,7 @@ class Scene:
         tool = self.arm.forward_kinematics(Q)[:, :3, 3]
         clips = traces.draw(self.viewer["run"], run, seconds, tool, self._size)
         self.viewer[_LEGEND].set_object(traces.legend(run, camera.half_height(1.0)))
-        self.fit_camera(Q, traces.extent(run, seconds, tool), camera.MARGIN_WITH_LEGEND)
+        self.fit_camera(Q, traces.extent(run, seconds, tool, self._size), camera.MARGIN_WITH_LEGEND)
         return clips
 
     def _extent(self, q: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Pictures that always face the camera, drawn through whatever stands before them."""
+"""Drawn through whatever stands before them: pictures that always face the camera, and things."""
 
 import base64
 from typing import Any
@@ -33,6 +33,20 @@ class Sprite(mg.Object):
         material = self.material.lower_in_object(data)
         matrix = self.matrix.T.flatten().tolist()
         data["object"] = {"uuid": self.uuid, "type": self._type, "material": material, "matrix": matrix}
+        return data
+
+
+class OnTop(mg.Mesh):
+    """A thing that nothing hides but things of a higher order, whatever stands in front."""
+
+    def __init__(self, geometry: mg.Geometry, material: type[mg.GenericMaterial], order: int, **look: Any) -> None:
+        super().__init__(geometry, material(**look, **THROUGH))
+        self.order = order
+
+    def lower(self) -> dict[str, Any]:
+        """The three.js object that meshcat sends."""
+        data = super().lower()
+        data["object"]["renderOrder"] = self.order
         return data
 
 

@@ -1,6 +1,5 @@
-"""A run drawn beside its arm: the path that was wanted, the path that came of it, and the payload."""
+"""A run drawn beside its arm: the path that was wanted, the path that came of it, the payload, and the contact."""
 
-from typing import Any
 from xml.sax.saxutils import escape
 
 import meshcat
@@ -9,9 +8,11 @@ import numpy as np
 from meshcat.animation import AnimationClip
 from meshcat.path import Path
 
+from k1607_pin.view import contact
+from k1607_pin.view.camera import NARROWEST
 from k1607_pin.view.run import Run, payload_keys
-from k1607_pin.view.sprites import THROUGH, Sprite
-from k1607_pin.view.tracks import Track, clip
+from k1607_pin.view.sprites import OnTop, Sprite
+from k1607_pin.view.tracks import Track, clip, object_path
 from k1607_pin.view.tubes import INDICES, dashed, far_apart, tubes
 
 ACTUAL, WANTED, PAYLOAD = 0x14213D, 0xF07C00, 0x8E3BB0
@@ -43,7 +44,7 @@ def draw(
             dash = max(_DASH * size, length / _MAX_DASHES / (1 + _GAP))
             pieces = dashed(path, dash, _GAP * dash)
             viewer["wanted"].set_object(tubes(*pieces, _THICK * size), mg.MeshBasicMaterial(color=WANTED))
-        clips |= _moving_point(viewer["wanted now"], WANTED, 1.4 * _POINT * size, 1, seconds, wanted)
+        clips |= _moving_point(viewer["wanted now"], WANTED, 1.4 * _POINT * size, 2, seconds, wanted)
 
     kept = far_apart(tool, _STEP * size)
     if len(kept) > 1:
@@ -53,29 +54,30 @@ def draw(
         pieces_there = np.searchsorted(kept, keys, side="right") - 1  # the piece that ends where the tool is, is there
         # three.js draws so many indices of a geometry
         grown = Track("geometry[drawRange].count", "number", seconds[keys], INDICES * pieces_there, steps=True)
-        clips[_object(viewer["actual"])] = clip(grown)
-    clips |= _moving_point(viewer["actual now"], ACTUAL, _POINT * size, 2, seconds, tool)
+        clips[object_path(viewer["actual"])] = clip(grown)
+    clips |= _moving_point(viewer["actual now"], ACTUAL, _POINT * size, 3, seconds, tool)
 
     if run.payload.any():
         times, mass = payload_keys(run)
         radius = np.cbrt(3 * np.where(mass > 0, mass, run.payload.max()) / (4 * np.pi * DENSITY))  # m
         # One side only: through the front one would see the back.
-        ball = _Seen(mg.Sphere(1.0), mg.MeshPhongMaterial, 0, color=PAYLOAD, opacity=0.65, side=0)
+        ball = OnTop(mg.Sphere(1.0), mg.MeshPhongMaterial, 0, color=PAYLOAD, opacity=0.65, side=0)
         viewer["payload"].set_object(ball)
         clips[viewer["payload"].path] = clip(Track("position", "vector3", seconds, tool))
-        clips[_object(viewer["payload"])] = clip(
+        clips[object_path(viewer["payload"])] = clip(
             Track("visible", "bool", times, mass > 0),
             Track("scale", "vector3", times, np.repeat(radius[:, None], 3, axis=1), steps=True),
         )
-    return clips
+    return clips | contact.draw(viewer, run, seconds, tool, size, 1)
 
 
-def extent(run: Run, seconds: np.ndarray, tool: np.ndarray) -> np.ndarray:
+def extent(run: Run, seconds: np.ndarray, tool: np.ndarray, size: float) -> np.ndarray:
     """(K, 3) m: points that bound what `draw` draws."""
     radius = float(np.cbrt(3 * run.payload.max() / (4 * np.pi * DENSITY)))
     wanted = _wanted(run, seconds)
     corners = tool[:, None] + radius * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    return np.vstack([corners.reshape(-1, 3), *([] if wanted is None else [wanted])])
+    touched = contact.extent(run, seconds, tool, size)
+    return np.vstack([corners.reshape(-1, 3), touched, *([] if wanted is None else [wanted])])
 
 
 def legend(run: Run, half_height: float) -> Sprite:
@@ -86,6 +88,12 @@ def legend(run: Run, half_height: float) -> Sprite:
     if run.payload.any():
         varies = len(np.unique(run.payload[run.payload > 0])) > 1
         entries.append(("ball", PAYLOAD, f"payload, {'up to ' if varies else ''}{run.payload.max():.3g} kg"))
+    if run.contact.any():
+        largest, full = np.linalg.norm(run.contact, axis=1).max(), contact.full_scale(run.contact)
+        beyond = f" (arrow up to {full:.3g} N)" if full < largest else ""
+        entries.append(("arrow", contact.FORCE, f"contact force, up to {largest:.3g} N{beyond}"))
+    if run.wall is not None:
+        entries.append(("wall", contact.WALL, "wall"))
     parts, x = [], 10
     for swatch, colour, text in entries:
         width = sum(12 if c in " fijlrt,." else 22 for c in text)
@@ -98,7 +106,7 @@ def legend(run: Run, half_height: float) -> Sprite:
         x += 90 + width + 50
     width = x - 40
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="64">{"".join(parts)}</svg>'
-    height = 0.085 * half_height
+    height = min(0.085, 1.9 * NARROWEST * 64 / width) * half_height  # m
     return Sprite(svg, (height * width / 64, height), np.array([0.0, -0.93 * half_height, -1.0]))
 
 
@@ -106,20 +114,9 @@ _SWATCHES = {
     "line": '<path d="M{x} 32H{end}" stroke="{colour}" stroke-width="10"/>',
     "dashes": '<path d="M{x} 32H{end}" stroke="{colour}" stroke-width="18" stroke-dasharray="16 14"/>',
     "ball": '<circle cx="{middle}" cy="32" r="25" fill="{colour}" fill-opacity="0.65"/>',
+    "arrow": '<path d="M{x} 27H{middle}V12L{end} 32L{middle} 52V37H{x}Z" fill="{colour}"/>',
+    "wall": '<path d="M{x} 9H{end}V55H{x}Z" fill="{colour}" fill-opacity="0.2" stroke="{colour}" stroke-width="5"/>',
 }
-
-
-class _Seen(mg.Mesh):
-    """A thing that nothing hides but things of a higher order, whatever stands in front."""
-
-    def __init__(self, geometry: mg.Geometry, material: type[mg.GenericMaterial], order: int, **look: Any) -> None:
-        super().__init__(geometry, material(**look, **THROUGH))
-        self.order = order
-
-    def lower(self) -> dict[str, Any]:
-        data = super().lower()
-        data["object"]["renderOrder"] = self.order
-        return data
 
 
 def _wanted(run: Run, seconds: np.ndarray) -> np.ndarray | None:
@@ -132,10 +129,5 @@ def _wanted(run: Run, seconds: np.ndarray) -> np.ndarray | None:
 def _moving_point(
     viewer: meshcat.Visualizer, colour: int, radius: float, order: int, seconds: np.ndarray, points: np.ndarray
 ) -> dict[Path, AnimationClip]:
-    viewer.set_object(_Seen(mg.Sphere(radius), mg.MeshBasicMaterial, order, color=colour))
+    viewer.set_object(OnTop(mg.Sphere(radius), mg.MeshBasicMaterial, order, color=colour))
     return {viewer.path: clip(Track("position", "vector3", seconds, points))}
-
-
-def _object(viewer: Any) -> Path:
-    """The thing drawn itself: the node above it is the viewer's to show and hide."""
-    return viewer["<object>"].path

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from meshcat.animation import AnimationClip, AnimationTrack
 from meshcat.geometry import pack_numpy_array
+from meshcat.path import Path
 
 _DISCRETE = 2300  # three.js: THREE.InterpolateDiscrete
 
@@ -36,6 +37,11 @@ class Track(AnimationTrack):
 def clip(*tracks: Track) -> AnimationClip:
     """All that changes of one node."""
     return AnimationClip({track.name: track for track in tracks}, fps=1)  # so that keys are in seconds
+
+
+def object_path(viewer: Any) -> Path:
+    """The thing drawn itself: the node above it is the viewer's to show and hide."""
+    return viewer["<object>"].path
 
 
 def _packed(x: np.ndarray) -> Any:
