@@ -1,6 +1,6 @@
 """Eleven laws on the same line with 10 lb for the middle third, at 10 ms in full gravity: with a right and a wrong model.
 
-The whole comparison, both paths, 1 ms and weightlessness too, is `compare()` without arguments: some two minutes.
+The whole comparison, both paths, 1 ms and weightlessness too, is `k1607 compare`: some minutes.
 Run: python examples/compare_laws.py
 """
 

@@ -6,16 +6,21 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import islice
 from pathlib import Path
 
+import psutil
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
 from k1607_pin import cli
+from k1607_pin.report.comparison import TROUBLES, compare
+from k1607_pin.report.comparison_figures import table
+from k1607_pin.report.rows import loaded
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("urdf", "equations", "reproduce", "simulate", "view")
+COMMANDS = ("urdf", "equations", "reproduce", "simulate", "compare", "sweep", "drift", "view")
 
 
 def k1607(*arguments: str, **options) -> subprocess.CompletedProcess:
@@ -96,6 +101,9 @@ def test_reproduce_as_json(tmp_path):
     result = k1607("reproduce", "--out", str(tmp_path), "--json")
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout) == json.loads((tmp_path / "results.json").read_text())
+    page = (tmp_path / "index.html").read_text()
+    assert "<code>k1607 compare</code>" in page  # not run in this folder
+    assert "comparison.png" not in page
 
 
 def test_simulate_as_json_with_log_figures_and_animation(tmp_path):
@@ -135,6 +143,66 @@ def test_simulate_refuses_what_there_is_not():
     result = k1607("simulate", "1", "--robot", "panda", "--settings", "report")
     assert result.returncode == 2
     assert "recommended" in result.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_compare_goes_on_where_it_was_stopped(tmp_path):
+    command = ("compare", "--case", "1", "--quick", "--json", "--out", str(tmp_path))
+    file = tmp_path / "comparison.csv"
+
+    def stopped_after(rows, stop):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "k1607_pin.cli", *command, "--jobs", "2"],
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        while process.poll() is None and not (file.exists() and len(loaded(file)) >= rows):
+            time.sleep(0.01)
+        helpers = psutil.Process(process.pid).children(recursive=True)
+        stop(process)
+        _, told = process.communicate(timeout=60)
+        assert not psutil.wait_procs(helpers, timeout=20)[1]  # none is left behind
+        return process.returncode, told
+
+    assert stopped_after(2, lambda process: process.kill())[0] == -signal.SIGKILL
+    before = file.read_text()
+    code, told = stopped_after(4, lambda process: os.killpg(process.pid, signal.SIGINT))  # as a terminal's Ctrl-C
+    assert code == 130
+    assert "goes on from there" in " ".join(told.split())
+    assert "Traceback" not in told
+    assert file.read_text().startswith(before)
+    wanted = {"cases": [1], "periods": [0.01], "gravities": [9.81], "troubles": TROUBLES[:1]}
+    assert loaded(file)[:4] == list(islice(compare(**wanted), 4))  # as one process makes them, and in its order
+    head, first, *rest = file.read_text().splitlines(keepends=True)
+    marked = first.replace(str(loaded(file)[0].rms), "0.125")
+    file.write_text(head + marked + "".join(rest))
+    result = k1607(*command, "--jobs", "1")
+    assert result.returncode == 0, result.stderr
+    rows = loaded(file)
+    assert file.read_text().startswith(head + marked + "".join(rest))  # no run was made twice
+    assert len(rows) == 2 * (11 + 9)  # two troubles; weightless, two laws are what others are
+    assert [row["rms"] for row in json.loads(result.stdout)] == [row.rms for row in rows]
+    assert table(rows) in (tmp_path / "comparison.md").read_text()
+    assert (tmp_path / "comparison.png").exists()
+
+
+def test_compare_refuses_a_file_of_something_else(tmp_path):
+    (tmp_path / "comparison.csv").write_text("a,b\n1,2\n")
+    result = k1607("compare", "--quick", "--out", str(tmp_path))
+    assert result.returncode == 2
+    assert "to have the columns" in " ".join(result.stderr.split())
+
+
+def test_drift_as_json_with_log_and_figure(tmp_path):
+    result = k1607("drift", "--minutes", "0.05", "--json", "--out", str(tmp_path))
+    assert result.returncode == 0, result.stderr
+    rows = {row["option"]: row for row in json.loads(result.stdout)}
+    assert rows["as the report has it"]["K_p"] > 1.1
+    assert rows["gravity"]["lost_after_s"] is None
+    with xr.open_dataset(tmp_path / "gain-drift.nc") as log:
+        assert float(log.K_d.sel(option="gravity")[-1]) == pytest.approx(rows["gravity"]["K_d"])
+    assert (tmp_path / "gain-drift.png").exists()
 
 
 def test_view_writes_a_page(tmp_path):

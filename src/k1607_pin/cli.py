@@ -1,17 +1,18 @@
 """The command line: `k1607`."""
 
 import json
+import os
 import threading
 import tomllib
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, Progress, TimeRemainingColumn
 from rich.table import Table
 
 from k1607_pin.description.units import INCH, POUND
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from k1607_pin.arm.arm import Arm
     from k1607_pin.report.published import Comparison
+    from k1607_pin.report.rows import Row
 
 app = typer.Typer(
     help="The K-1607 and its 1990 NASA/CUA report, made to run.\n\nExample: k1607 equations",
@@ -256,6 +258,204 @@ def _robot(name: str, gravity: float = 9.81) -> "Arm":
     if name == "k1607":
         return load_k1607(gravity=down)
     return load_urdf(name, gravity=down) if name.endswith(".urdf") else load_example(name, gravity=down)
+
+
+@app.command()
+def compare(
+    out: Annotated[Path, typer.Option(help="Folder for comparison.csv, its table and figures.")] = Path("out"),
+    case: Annotated[
+        list[int] | None, typer.Option(help="1, the straight line, or 2, the circle; both when left out.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="At 10 ms alone, with a right model and a light one.")] = False,
+    jobs: Annotated[int | None, typer.Option(help="Processes; one a core when left out.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every run as JSON instead of the best.")] = False,
+) -> None:
+    """Run the adaptive schemes and the textbook's laws under the same troubles, and tell which law does best where.
+
+    Stopped with Ctrl-C and called again, it goes on: runs that comparison.csv has are not made again. Delete it to begin anew.
+
+    \b
+    Examples:
+        k1607 compare --quick
+        k1607 compare --out out
+        k1607 compare --case 1 --json
+    """
+    from k1607_pin.report.case_figures import CASES
+    from k1607_pin.report.comparison import TROUBLES, compare
+    from k1607_pin.report.comparison_figures import write_comparison
+    from k1607_pin.report.joint_cases import figure_joint_case, joint_case
+    from k1607_pin.report.runs import write_figure
+
+    cases = tuple(case or CASES)
+    conditions: dict[str, Any] = {"periods": (0.01,), "troubles": TROUBLES[:2]} if quick else {}
+    notes, file = Console(stderr=True, highlight=False), out / "comparison.csv"
+    try:
+        with Progress(console=notes, transient=True) as bar:
+            task = bar.add_task("comparing", total=1.0)
+            rows = list(
+                compare(
+                    cases=cases,
+                    **conditions,
+                    progress=lambda share: bar.update(task, completed=share),
+                    file=file,
+                    jobs=jobs if jobs is not None else os.cpu_count() or 1,
+                )
+            )
+    except KeyboardInterrupt:
+        notes.print(f"stopped; what is done is in {file}, and the same command goes on from there")
+        raise typer.Exit(130) from None
+    write_comparison(out, rows)
+    for number in () if quick else cases:
+        title = f"Case {number}, {CASES[number]}: joint-space scheme, 1 kHz, full gravity"
+        write_figure(out / f"joint-case-{number}", figure_joint_case(joint_case(number), title))
+    if as_json:
+        print(json.dumps([{k: _finite(x) for k, x in asdict(row).items()} for row in rows], indent=2))
+    else:
+        _best(rows)
+    notes.print(f"Every run: {file}; table and figures: {out / 'comparison.md'}, {out / 'comparison.png'}")
+
+
+def _best(rows: "list[Row]") -> None:
+    from k1607_pin.report.comparison_figures import best
+
+    table = Table(title="The best under each condition, and what is within 2 % of it")
+    for column in ("condition", "law", "RMS distance, mm"):
+        table.add_column(column, justify="right" if column.startswith("RMS") else "left")
+    for condition, winners in best(rows).items():
+        first = f"{1e3 * winners[0].rms:.3g}" if winners else ""
+        table.add_row(condition, ", ".join(row.law for row in winners) or "none", first)
+    console.print(table)
+
+
+def _finite(x: object) -> object:
+    """None for what JSON has no word for."""
+    return None if isinstance(x, float) and not np.isfinite(x) else x
+
+
+@app.command()
+def sweep(
+    case: Annotated[int, typer.Argument(help="1, the straight line, or 2, the circle.")] = 1,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="NAME=LOWER:UPPER:COUNT, a dimension of a grid; or drawn: NAME~uniform:LOWER:UPPER, NAME~loguniform:LOWER:UPPER, "
+            "NAME~normal:MEAN:SIGMA. Again for more parameters; a wrong name tells which there are."
+        ),
+    ] = None,
+    n: Annotated[int, typer.Option("-n", help="Rollouts drawn, at each point of the grid if there is one.")] = 1024,
+    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
+    settings: Annotated[
+        str, typer.Option(help="report: as published, 10 ms; recommended: ours, 1 kHz, full gravity.")
+    ] = "report",
+    store: Annotated[
+        Path | None, typer.Option(help="Folder (zarr) for all results; the same command goes on with it.")
+    ] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="One a processor when left out.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON instead of a table.")] = False,
+) -> None:
+    """Run a study case many times with other numbers, compiled, and tell how the errors spread.
+
+    \b
+    Examples:
+        k1607 sweep 1 --vary payloads.0.payload.mass=0:9:10 --vary plant.viscous~uniform:5:15 -n 64
+        k1607 sweep 1 --vary controller.beta_1=0:1e6:100 --store beta.zarr
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    from k1607_pin.compiled.rollout import processors
+    from k1607_pin.compiled.sweep import sweep as run
+    from k1607_pin.report.cases import study_case
+    from k1607_pin.report.sweeps import QUANTILES, names_of, parameters_of, summary
+
+    study = study_case(case, settings)
+    loop = study.rollouts(names_of(vary or ()))
+    parameters = parameters_of(vary or (), n, seed, loop.loop.parameters)
+    notes, rate = Console(stderr=True, highlight=False), 0.0
+    columns = ("{task.description}", BarColumn(), "{task.fields[rate]:,.0f} rollouts/s", TimeRemainingColumn())
+    try:
+        with Progress(*columns, console=notes, transient=True) as bar:
+            task = bar.add_task(f"case {case}", total=None, rate=0.0)
+
+            def progress(done: int, total: int, per_second: float, left: float) -> None:
+                nonlocal rate
+                rate = per_second
+                bar.update(task, completed=done, total=total, rate=rate)
+
+            found = run(
+                loop,
+                parameters,
+                study.q0,
+                executor=lambda: ThreadPoolExecutor(threads or processors()),
+                store=store,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        notes.print(f"stopped; what is done is in {store}, and the same command goes on from there" if store else "stopped")
+        raise typer.Exit(130) from None
+    rows, lost, counted = summary(found)
+    total = found.failed_at.size
+    if as_json:
+        told = {
+            "rollouts": total, "lost": lost, "rollouts_per_s": rate, "quantiles": QUANTILES, "counted": counted,
+            "errors": {name: [_finite(x) for x in row] for name, row in rows.items()},
+        }  # fmt: skip
+        print(json.dumps(told, indent=2))
+        return
+    many = f"{counted:,} of {total:,}" if counted < total else f"{total:,}"
+    table = Table(title=f"Case {case}: {many} rollouts, the worst axis of each")
+    for column in ("", *(f"{100 * x:g} %" for x in QUANTILES)):
+        table.add_column(column, justify="right" if column else "left")
+    for name, row in rows.items():
+        table.add_row(name, *(f"{x:.3g}" for x in row))
+    console.print(table)
+    console.print(f"lost: {100 * lost:.2g} %; {rate:,.0f} rollouts/s", highlight=False)
+
+
+@app.command()
+def drift(
+    out: Annotated[Path, typer.Option(help="Folder for gain-drift.nc (for xarray) and the figure.")] = Path("out"),
+    minutes: Annotated[float, typer.Option(help="How long the arm holds still.")] = 10.0,
+    whole_arm: Annotated[
+        bool, typer.Option("--whole-arm", help="Nothing linear: the whole arm, which takes some ten times as long.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what is left at the end as JSON.")] = False,
+) -> None:
+    """Hold still with noisy sensors, and see the gains of the joint-space scheme drift, with and without remedies.
+
+    \b
+    Examples:
+        k1607 drift --minutes 0.5
+        k1607 drift --out out
+    """
+    from k1607_pin.arm.load import load_k1607
+    from k1607_pin.files import write_atomically
+    from k1607_pin.report.case_figures import POSTURE_DEG
+    from k1607_pin.report.gain_drift import figure_drift, gain_drift, outcome
+    from k1607_pin.report.runs import write_figure
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("holding still", total=1.0)
+        result = gain_drift(
+            load_k1607(),
+            np.deg2rad(POSTURE_DEG),
+            duration=60 * minutes,
+            whole_arm=whole_arm,
+            progress=lambda share: bar.update(task, completed=share),
+        )
+    write_atomically(out / "gain-drift.nc", bytes(result.to_netcdf()))
+    write_figure(out / "gain-drift", figure_drift(result))
+    rows = outcome(result)
+    if as_json:
+        print(json.dumps(rows, indent=2))
+    else:
+        table = Table(title=f"After {minutes:g} min of holding still")
+        for column in ("option", "K_p over K_p(0)", "K_d over K_d(0)", "error, mrad", ""):
+            table.add_column(column, justify="right" if column not in ("option", "") else "left")
+        for row in rows:
+            end = "" if row["lost_after_s"] is None else f"lost after {row['lost_after_s'] / 60:.2g} min"
+            table.add_row(row["option"], f"{row['K_p']:.4f}", f"{row['K_d']:.4f}", f"{1e3 * row['error_rad']:.3g}", end)
+        console.print(table)
+    Console(stderr=True, highlight=False).print(f"Log and figure: {out / 'gain-drift.nc'}, {out / 'gain-drift.png'}")
 
 
 @app.command()

@@ -1,27 +1,18 @@
 """The comparison: what it says of a run is so, nothing is lost when it is interrupted, and who wins where."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-import k1607_pin as k1607
 from k1607_pin.control.baselines import parameters
 from k1607_pin.paths.inverse_path import joint_path
 from k1607_pin.report.cases import study_case
-from k1607_pin.report.comparison import (
-    LAWS,
-    TROUBLES,
-    Noisy,
-    Row,
-    Trouble,
-    compare,
-    figure_comparison,
-    gain_drift,
-    loaded,
-    saved,
-    setting,
-    table,
-    with_masses,
-)
+from k1607_pin.report.comparison import TROUBLES, Trouble, compare
+from k1607_pin.report.comparison_figures import best, condition, figure_comparison, table
+from k1607_pin.report.laws import LAWS, setting, with_masses
+from k1607_pin.report.noisy import Noisy
+from k1607_pin.report.rows import Row, loaded
 
 
 @pytest.fixture(scope="module")
@@ -68,16 +59,60 @@ def test_adaptation_earns_little_at_this_bandwidth(rows):
     assert 0.9 * fixed < adaptive < fixed
 
 
-def test_rows_survive_an_interruption(tmp_path):
-    file = tmp_path / "rows.csv"
-    some = saved(compare({"PD + g": LAWS["PD + g"]}, [1], [0.01], duration=0.3), file)
+PD = {"PD + g": LAWS["PD + g"]}
+
+
+def test_rows_survive_an_interruption_and_are_not_run_again(tmp_path):
+    file, made = tmp_path / "rows.csv", []
+
+    def law(setting):
+        made.append(setting)
+        return LAWS["PD + g"](setting)
+
+    def short():
+        return compare({"PD + g": law}, [1], [0.01], troubles=TROUBLES[:2], duration=0.3, file=file)
+
+    some = short()
     first, second = next(some), next(some)
     some.close()
     assert loaded(file) == [first, second]
+    assert len(made) == 2
+    file.write_text(file.read_text() + "PD + g,1,0.01,0.0,payl")  # cut off while it was written
+    rows = list(short())
+    assert rows[:2] == [first, second]
+    assert len(made) == len(rows) == 4
+    assert loaded(file) == rows
+    assert list(short()) == rows
+    assert len(made) == 4
+
+
+def test_rows_of_other_conditions_stay_in_the_file(tmp_path):
+    file = tmp_path / "rows.csv"
+    (line,) = compare(PD, [1], [0.01], [9.81], TROUBLES[:1], duration=0.3, file=file)
+    (circle,) = compare(PD, [2], [0.01], [9.81], TROUBLES[:1], duration=0.3, file=file)
+    assert loaded(file) == [line, circle]
+    assert list(compare(PD, [2, 1], [0.01], [9.81], TROUBLES[:1], duration=0.3, file=file)) == [circle, line]
+
+
+@pytest.mark.parametrize("text", ["a,b\n1,2\n", "HEAD\nPD + g,1,0.01,9.81,payload,x,0,0,0\n", "HEAD\nPD + g,1\n"])
+def test_a_file_with_something_else_in_it_is_refused_and_left_alone(tmp_path, text):
+    file = tmp_path / "rows.csv"
+    text = text.replace("HEAD", "law,case,period,gravity,trouble,rms,largest,torque,chatter")
+    file.write_text(text)
+    with pytest.raises(ValueError, match="file: expected"):
+        next(compare(PD, [1], [0.01], file=file))
+    assert file.read_text() == text
+
+
+def test_a_law_that_no_other_process_can_be_given_is_refused():
+    with pytest.raises(ValueError, match="'mine' is no module's function"):
+        next(compare({"mine": lambda s: None}, jobs=2))
+    with pytest.raises(ValueError, match="jobs: expected"):
+        next(compare(jobs=0))
 
 
 def test_a_lost_loop_is_told_as_such():
-    (row,) = compare({"PD + g": LAWS["PD + g"]}, [1], [0.01], [9.81], TROUBLES[:1], duration=1.5, omega_T=8.0)
+    (row,) = compare(PD, [1], [0.01], [9.81], TROUBLES[:1], duration=1.5, omega_T=8.0)
     assert row.rms == np.inf
     assert "lost" in table([row])
     assert figure_comparison([row]).axes
@@ -85,10 +120,11 @@ def test_a_lost_loop_is_told_as_such():
 
 def test_torques_that_rattle_between_their_limits_are_marked():
     """Beyond omega T = 1 torque limits keep the tool near its path, and the motors at their ends."""
-    (row,) = compare({"PD + g": LAWS["PD + g"]}, [1], [0.01], [9.81], TROUBLES[:1], duration=0.6, omega_T=1.5)
+    (row,) = compare(PD, [1], [0.01], [9.81], TROUBLES[:1], duration=0.6, omega_T=1.5)
     assert np.isfinite(row.rms)
     assert row.chatter > 1
     assert "†" in table([row])
+    assert best([row]) == {condition(row): []}  # which is no way to win
 
 
 def test_table_and_figure(rows):
@@ -98,6 +134,8 @@ def test_table_and_figure(rows):
     assert len(figure_comparison(rows).axes) == 2
     two = [Row("a", 1, 0.01, 9.81, "t", 1e-3, 0, 0, 0), Row("b", 1, 0.01, 9.81, "t", 2e-3, 0, 0, 0)]
     assert table(two).splitlines()[2:] == ["| line, 10 ms, 1 g, t | **1** | 2 |"]
+    near = replace(two[0], law="c", rms=1.01e-3)
+    assert best([near, *two]) == {"line, 10 ms, 1 g, t": [two[0], near]}
 
 
 def test_masses_are_scaled_and_rotors_are_not(reference):
@@ -140,10 +178,3 @@ def test_every_law_is_told_the_same_wrong_model():
     q = case.q0
     assert s.arm.gravity_torque(q) == pytest.approx(1.3 * case.plant.arm.gravity_torque(q))
     assert all(make(s).arm is s.arm for make in LAWS.values())
-
-
-def test_gain_drift_starts_at_one_and_marks_a_lost_loop():
-    arm, q = k1607.load_example("ur5"), np.array([0.3, -1.2, 1.4, -0.9, -1.2, 0.2])
-    result = gain_drift(arm, q, duration=2.0, omega_T=1.5)  # unstable without any drift
-    assert (result.K_d.isel(time=0) == 1).all()
-    assert np.isnan(result.K_d.isel(time=-1)).all()

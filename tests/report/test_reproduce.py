@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 
 import pytest
 
@@ -13,6 +14,7 @@ from k1607_pin.report.reproduce import reproduce
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
+    (out / "comparison.png").touch()
     steps = []
     results, aims = reproduce(out, steps.append)
     assert set(FIGURES) < set(steps)
@@ -48,9 +50,15 @@ def test_the_page_shows_every_number_and_figure_and_needs_no_network(folder):
         assert f"{r.ours:.3g}" in page
     for name in FIGURES:
         assert f'src="{name}.png"' in page
+    for number in (1, 2):
+        assert re.search(rf"\d+ % of the samples of case {number} \(it first fails at [\d.]+ s\)", page)
     assert "http://" not in page
     assert "https://" not in page
     assert sorted(p.name for p in out.iterdir() if p.name.startswith(".")) == []  # no temporary files left
+
+
+def test_the_page_shows_the_comparison_that_is_in_the_folder(folder):
+    assert 'src="comparison.png"' in (folder[0] / "index.html").read_text()
 
 
 def test_operations_are_counted():

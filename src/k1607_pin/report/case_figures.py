@@ -61,10 +61,10 @@ def draw(runs: Runs, progress: Callable[[str], None]) -> tuple[dict[str, Figure]
         figures[f"case-{number}-gains"] = plots.gains(
             run, f"Case {number}, {name}: what the adaptation does to the gains"
         )
-        figures[f"case-{number}-lyapunov"] = plots.lyapunov_rate(
-            lyapunov(run, study.law.model, study.law.beta_1, study.law.beta_2),
-            f"Case {number}, {name}: (56) on the arm",
-        )
+        analysis = lyapunov(run, study.law.model, study.law.beta_1, study.law.beta_2)
+        holds = analysis.premise_holds
+        premise[number] = float(holds.mean()), float(holds.time[int(holds.argmin())])
+        figures[f"case-{number}-lyapunov"] = plots.lyapunov_rate(analysis, f"Case {number}, {name}: (56) on the arm")
         figures[f"case-{number}-recommended"] = plots.position_errors(
             runs[number, "recommended"][1], f"Case {number}, {name}: 1 kHz, full gravity", "xyz"
         )

@@ -59,8 +59,8 @@ def other_errors(run: xr.Dataset, title: str = "") -> Figure:
     """What the report calls negligible: the error of z, in, and of the orientation, degrees."""
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    _shade(above, run)
-    _shade(below, run)
+    shade(above, run)
+    shade(below, run)
     above.plot(run.time, run.error.sel(direction="z") / INCH, color=GREEN, lw=1.4)
     above.set_ylabel("error of z [in]")
     for direction, colour in zip(("rx", "ry", "rz"), COLOURS.values(), strict=True):
@@ -80,7 +80,7 @@ def gains(run: xr.Dataset, title: str = "") -> Figure:
     """The diagonal of K_p and K_d over time, each as a share of its start."""
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     for axes, name in zip(figure.subplots(2, 1, sharex=True), ("K_p", "K_d"), strict=True):
-        _shade(axes, run)
+        shade(axes, run)
         diagonal = np.diagonal(run[name].values, axis1=1, axis2=2)
         for k, (direction, colour) in enumerate(zip(("x", "y", "z"), COLOURS.values(), strict=True)):
             start = np.where(diagonal[0] == 0, 1.0, diagonal[0])  # from zero: as they are
@@ -115,7 +115,7 @@ def _errors(run: xr.Dataset, error: xr.DataArray, title: str, names: str, label:
 def _axes(run: xr.Dataset, title: str, label: str) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(7.2, 3.4), layout="constrained")
     axes = figure.subplots()
-    _shade(axes, run)
+    shade(axes, run)
     axes.set(xlabel="time [s]", ylabel=label)
     axes.set_title(title, fontsize=11, loc="right")
     axes.axhline(0, color=GREY, lw=0.5)
@@ -124,7 +124,7 @@ def _axes(run: xr.Dataset, title: str, label: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _shade(axes: Any, run: xr.Dataset) -> None:
+def shade(axes: Any, run: xr.Dataset) -> None:
     """Where the hand carries something."""
     carried = np.concatenate([[False], run.payload.values > 0, [False]])
     edges = np.flatnonzero(np.diff(carried.astype(int)))
@@ -147,8 +147,8 @@ def lyapunov_rate(analysis: xr.Dataset, title: str = "") -> Figure:
     """v of (56), and its rate: what (63) leaves of it, -E^T Q E, beside what the proof neglects; magnitudes, log scale."""
     figure = Figure(figsize=(7.2, 5.2), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 2))
-    _shade(above, analysis)
-    _shade(below, analysis)
+    shade(above, analysis)
+    shade(below, analysis)
     above.plot(analysis.time, analysis.v, color=INK, lw=1.4)
     above.set_ylabel("v [m²]")
     above.set_title(title, fontsize=11, loc="right")

@@ -48,11 +48,12 @@ def reproduce(
     for name, figure in of_cases.items():
         write_figure(out / name, figure)
     progress("equations and page")
-    write_atomically(out / "index.html", _page(trajectory, results, aims, list(of_cases), premise))
+    write_atomically(out / "index.html", _page(out, trajectory, results, aims, list(of_cases), premise))
     return results, aims
 
 
 def _page(
+    out: Path,
     trajectory: studies.TestTrajectory,
     results: list[Comparison],
     aims: list[Comparison],
@@ -76,6 +77,7 @@ def _page(
         figures=list(FIGURES),
         case_figures=case_figures,
         premise=premise,
+        compared=(out / "comparison.png").exists(),
         readings=studies.delta_beta_readings(trajectory),
         allowed=published.allowed_by_figure_6(facts["part1"]["wx_max_error_mrad_s"]["100ms"]),
         needed=facts["part3"]["delta_beta_max_error_milli"]["100ms"] * 1e-3 * 4 / published.PERIODS["100ms"] ** 2,
