@@ -107,8 +107,11 @@ class Batch:
         def run(first: int, last: int) -> None:
             self._blocks([x[first * W : last * W] for x in inputs], out[first * W : last * W])
 
-        with ThreadPoolExecutor(len(edges) - 1) as pool:
-            list(pool.map(lambda piece: run(*piece), pairwise(edges)))
+        if len(edges) == 2:
+            run(0, whole)
+        else:
+            with ThreadPoolExecutor(len(edges) - 1) as pool:
+                list(pool.map(lambda piece: run(*piece), pairwise(edges)))
         if rest := count - whole * W:
             padded = [np.concatenate([x[whole * W :], np.repeat(x[-1:], W - rest, axis=0)]) for x in inputs]
             last = np.empty((W, out.shape[1]))

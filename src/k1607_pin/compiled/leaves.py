@@ -115,6 +115,30 @@ class Layout:
         _flatten(x, out)
         return out
 
+    def fill(self, x: Any, vector: np.ndarray) -> None:
+        """Put all numbers of x, floats and arrays, into ``vector`` (size or more,)."""
+        taken = 0
+
+        def put(x: Any) -> None:
+            nonlocal taken
+            if isinstance(x, np.ndarray):
+                vector[taken : taken + x.size] = x.ravel()
+                taken += x.size
+            elif is_number(x):
+                vector[taken] = x
+                taken += 1
+            elif isinstance(x, Mapping):
+                for item in x.values():
+                    put(item)
+            elif isinstance(x, tuple | list):
+                for item in x:
+                    put(item)
+            elif is_dataclass(x) and not isinstance(x, type):
+                for item in vars(x).values():
+                    put(item)
+
+        put(x)
+
     def rebuilt(self, vector: Any) -> Any:
         """The nest of the entries of ``vector`` (size,)."""
         taken = 0

@@ -31,9 +31,15 @@ class Table:
     fun: Callable[[float], Any]
     at: ca.Function
     """Time of the sample [s] -> the time that the function is asked for"""
+    at_once: bool
+    """Whether that is the time of the sample itself"""
     layout: Layout
     first: int
     """Of its symbols among those of all tables"""
+
+    def one(self, t: float) -> Any:
+        """What the function gives at the sample at time t [s]."""
+        return self.fun(t if self.at_once else float(self.at(t)))
 
     def values(self, times: np.ndarray) -> np.ndarray:
         """(len(times), size)"""
@@ -92,7 +98,8 @@ class Tracer:
                 return table.layout.rebuilt(symbols)
         layout = Layout(fun(0.0))
         first = sum(table.layout.size for table in self.tables)
-        self.tables.append(Table(name, fun, at, layout, first))
+        at_once = bool(ca.is_equal(at(self._sx_time), self._sx_time, 10))
+        self.tables.append(Table(name, fun, at, at_once, layout, first))
         self.table_symbols.append(symbol_array(name, (layout.size,)))
         return layout.rebuilt(self.table_symbols[-1])
 
