@@ -227,6 +227,8 @@ def test_a_controller_of_ones_own(arm, q0, agrees):
     law = Drive(lambda q, v: -5.0 * np.tanh(q) - 2.0 * v)
     run = k1607.rollout(arm, law, q0, 0.3, log=("q", "tau"), metrics={})
     agrees(run, k1607.simulate(arm, law, q0, 0.3), ("q", "tau"))
+    both = k1607.rollout(arm, law, np.stack([q0 + 0.1, q0]), 0.3, log=("q", "tau"), metrics={})
+    np.testing.assert_array_equal(both.q[1], run.q[0])
 
 
 def if_in_python(q, v):

@@ -53,6 +53,8 @@ def replaced(x: Any, values: Mapping[str, Any]) -> Any:
     ValueError
         What x itself refuses.
     """
+    if not values:
+        return x
     here: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         first, _, rest = name.partition(".")
