@@ -338,8 +338,8 @@ def sweep(
     vary: Annotated[
         list[str] | None,
         typer.Option(
-            help="NAME=LOWER:UPPER:COUNT, a dimension of a grid; or drawn: NAME~uniform:LOWER:UPPER, NAME~loguniform:LOWER:UPPER, "
-            "NAME~normal:MEAN:SIGMA. Again for more parameters; a wrong name tells which there are."
+            help="NAME=LOWER:UPPER:COUNT, a dimension of a grid; or drawn: NAME~uniform:LOWER:UPPER, "
+            "NAME~loguniform:LOWER:UPPER, NAME~normal:MEAN:SIGMA. Again for more parameters; a wrong name tells which there are."
         ),
     ] = None,
     n: Annotated[int, typer.Option("-n", help="Rollouts drawn, at each point of the grid if there is one.")] = 1024,
@@ -390,7 +390,9 @@ def sweep(
                 progress=progress,
             )
     except KeyboardInterrupt:
-        notes.print(f"stopped; what is done is in {store}, and the same command goes on from there" if store else "stopped")
+        notes.print(
+            f"stopped; what is done is in {store}, and the same command goes on from there" if store else "stopped"
+        )
         raise typer.Exit(130) from None
     rows, lost, counted = summary(found)
     total = found.failed_at.size
@@ -409,6 +411,70 @@ def sweep(
         table.add_row(name, *(f"{x:.3g}" for x in row))
     console.print(table)
     console.print(f"lost: {100 * lost:.2g} %; {rate:,.0f} rollouts/s", highlight=False)
+
+
+@app.command()
+def identify(
+    budget: Annotated[int, typer.Option(help="Rollouts; two a set.")] = 100_000,
+    seed: Annotated[int, typer.Option(help="The same seed, the same search.")] = 0,
+    out: Annotated[Path, typer.Option(help="JSON file of the search; the same command goes on with it.")] = Path(
+        "identified.json"
+    ),
+    anywhere: Annotated[
+        bool, typer.Option("--anywhere", help="Begin at drawn postures; from the committed set when left out.")
+    ] = False,
+    limits: Annotated[bool, typer.Option(help="Keep to the assumed joint limits.")] = True,
+    threads: Annotated[int | None, typer.Option(min=1, help="One a processor when left out.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the set and its ratios as JSON.")] = False,
+) -> None:
+    """Search for what the report does not say of study cases 1 and 2: gains, posture, friction and so on, by its 16 errors.
+
+    Stopped with Ctrl-C and called again, it goes on with the expedition that it was at.
+
+    \b
+    Examples:
+        k1607 identify --budget 20000
+        k1607 identify --anywhere --no-limits --seed 1 --out free.json
+    """
+    from k1607_pin import data
+    from k1607_pin.report.identify import identify as run
+    from k1607_pin.report.published import WITHIN
+    from k1607_pin.report.sensitivity import HEADER, ratios
+    from k1607_pin.report.unknowns import NAMES, UNKNOWNS, values_of
+
+    notes = Console(stderr=True, highlight=False)
+    start = None if anywhere else data.load("study_cases")["report"]
+    columns = ("{task.description}", BarColumn(), "{task.fields[told]}", TimeRemainingColumn())
+    try:
+        with Progress(*columns, console=notes, transient=True) as bar:
+            task = bar.add_task("identify", total=budget, told="")
+
+            def progress(count: int, worth: float) -> None:
+                bar.update(task, completed=count, told=f"{count:,} rollouts, best {worth:.3f}")
+
+            choice, search = run(budget, seed, start, limits, out, threads=threads, progress=progress)
+    except KeyboardInterrupt:
+        notes.print(f"stopped; what is done is in {out}, and the same command goes on from there")
+        raise typer.Exit(130) from None
+    found = ratios(choice)
+    if as_json:
+        told = {"rollouts": search.rollouts, "worth": search.best.worth, "ratios": [_finite(float(x)) for x in found]}
+        print(json.dumps(told | {"report": choice}, indent=2))
+        return
+    table = Table(title="Ours over published")
+    for column in ("", "line", "circle"):
+        table.add_column(column, justify="right" if column else "left")
+    for name, *pair in zip(HEADER, found[:8], found[8:], strict=True):
+        table.add_row(name, *(f"[{'green' if abs(x - 1) <= WITHIN else 'red'}]{x:.3f}[/]" for x in pair))
+    console.print(table)
+    values = ", ".join(
+        f"{n} {x:.4g} {u.unit}".rstrip() for n, x, u in zip(NAMES, values_of(choice), UNKNOWNS, strict=True)
+    )
+    console.print(values, highlight=False)
+    met, near = (int((np.abs(found - 1) <= share).sum()) for share in (WITHIN, 0.1))
+    console.print(
+        f"{met} of 16 within 25 %, {near} within 10 %; {search.rollouts:,} rollouts; all of it: {out}", highlight=False
+    )
 
 
 @app.command()
@@ -456,6 +522,39 @@ def drift(
             table.add_row(row["option"], f"{row['K_p']:.4f}", f"{row['K_d']:.4f}", f"{1e3 * row['error_rad']:.3g}", end)
         console.print(table)
     Console(stderr=True, highlight=False).print(f"Log and figure: {out / 'gain-drift.nc'}, {out / 'gain-drift.png'}")
+
+
+@app.command()
+def export(
+    out: Annotated[Path, typer.Argument(help="Folder for the C files; made if it is not there.")],
+    robot: Annotated[
+        str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
+    ] = "k1607",
+    law: Annotated[list[str] | None, typer.Option(help="cartesian, joint or hybrid; repeat for several.")] = None,
+    function: Annotated[list[str] | None, typer.Option(help="Of the arm, e.g. jacobian; all when left out.")] = None,
+    period: Annotated[float, typer.Option(help="Control period in ms, for which the laws' gains are made.")] = 1.0,
+    prefix: Annotated[str | None, typer.Option(help="Of all names in C; the robot's name when left out.")] = None,
+) -> None:
+    """Write plain C99 of an arm's kinematics and dynamics, and of control laws, with a self-test that runs.
+
+    \b
+    Examples:
+        k1607 export c --law cartesian
+        k1607 export c --robot panda --law joint --law hybrid --function gravity_torque
+        cmake -S c -B build && cmake --build build && ctest --test-dir build
+    """
+    from k1607_pin.compiled.export import export as write
+    from k1607_pin.compiled.export_presets import law_of
+
+    arm = _robot(robot)
+    laws = {name: law_of(arm, name, period * 1e-3) for name in law or ()}
+    files = write(arm, out, laws, function or None, prefix)
+    for file in files:
+        console.print(f"wrote {file} ({file.stat().st_size:,} bytes)", highlight=False)
+    sources = " ".join(file.name for file in files if file.suffix == ".c")
+    console.print(
+        f"To test it there: cc -std=c99 -O2 {sources} -lm -o selftest && ./selftest", highlight=False, soft_wrap=True
+    )
 
 
 @app.command()

@@ -20,7 +20,7 @@ from k1607_pin.compiled.leaves import Layout
 from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
-from k1607_pin.compiled.tracer import TracingError, explained, symbol_array, without_nan
+from k1607_pin.compiled.tracer import TracingError, column, explained, symbol_array, without_nan
 
 ANYWHERE = 0.1  # times 1, 2, ...: arguments that a function is tried on for the shapes of what it gives
 BLOCKS = 256  # a thread takes at least so many at a time
@@ -50,9 +50,9 @@ class Batch:
             symbols = [symbol_array(f"i{k}", shape) for k, shape in enumerate(self.shapes)]
             with explained(getattr(fun, "__name__", "fun")):
                 flat = self._layout.flat(fun(*symbols))
-            columns = [ca.SX(np.reshape(x, (-1, 1))._v) for x in symbols]
-            out = ca.densify(ca.vertcat(*(ca.SX(getattr(x, "_v", x)) for x in flat)))
-            self.program = without_nan("fun", program(ca.Function("f", columns, [out], {"cse": True})))
+            columns = [column(Layout(None).flat(x)) for x in symbols]
+            f = ca.Function("f", columns, [ca.densify(column(flat))], {"cse": True})
+            self.program = without_nan("fun", program(f))
         if len(flat) != self._layout.size:
             raise TracingError(f"fun: expected {self._layout.size} numbers as when called on floats, got {len(flat)}")
         made = compiler()

@@ -13,7 +13,7 @@ from k1607_pin.compiled.leaves import Layout, numbers, substituted
 from k1607_pin.compiled.program import Program, hoisted, program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
-from k1607_pin.compiled.tracer import Tracer, TracingError, explained, symbol_array, without_nan
+from k1607_pin.compiled.tracer import Tracer, TracingError, column, explained, symbol_array, without_nan
 from k1607_pin.dynamics.rigid_body import inertia_from, rigidly_carried
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import PayloadSchedule
@@ -371,17 +371,10 @@ def _reduced(reducer: str, so_far: Any, x: Any) -> Any:
     raise ValueError(f"metrics: expected reducers of {', '.join(REDUCERS)}, got {reducer!r}")
 
 
-def _sx(x: Any) -> Any:
-    return ca.SX(getattr(x, "_v", x))
-
-
 def _vertical(x: Any) -> Any:
-    if x is None:
-        return ca.SX(0, 1)
-    if isinstance(x, list):
-        return ca.vertcat(*map(_sx, x)) if x else ca.SX(0, 1)
-    x = _sx(x)
-    return ca.vec(x)
+    if x is None or isinstance(x, list):
+        return column(x)
+    return ca.vec(ca.SX(getattr(x, "_v", x)))
 
 
 def _program(name: str, inputs: Mapping[str, Any], outputs: Any) -> Program:

@@ -144,6 +144,11 @@ def symbol_array(name: str, shape: tuple[int, ...]) -> Any:
     return np.reshape(ca.array(ca.SX.sym(name, int(np.prod(shape))))[:, 0], shape)
 
 
+def column(entries: Any) -> Any:
+    """(N, 1) SX of N traced scalars or numbers."""
+    return ca.vertcat(*(ca.SX(getattr(x, "_v", x)) for x in entries)) if entries else ca.SX(0, 1)
+
+
 def _column(x: Any) -> Any:
     return np.reshape(x, (-1, 1)) if np.shape(x)[0] else ca.SX(0, 1)
 

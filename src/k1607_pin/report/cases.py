@@ -1,6 +1,6 @@
 """Study cases 1 and 2, ready to run: what the report gives of them, and what it does not, from `data/study_cases.toml`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -16,12 +16,14 @@ from k1607_pin.arm.load import load_k1607
 from k1607_pin.arm.payload import Payload
 from k1607_pin.arm.reach import Followed, UnreachableError, follow
 from k1607_pin.arm.ready import ready_postures
+from k1607_pin.compiled.rollout import Rollouts, rollouts
 from k1607_pin.control import posture
 from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
 from k1607_pin.control.reference_model import ReferenceModel, reference_model
 from k1607_pin.description.units import INCH, POUND
 from k1607_pin.paths.report_paths import Circle, Line
+from k1607_pin.report.starts import rotation as tool_rotation
 from k1607_pin.simulation.integrators import runge_kutta_4
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.simulate import Observer, simulate
@@ -50,19 +52,39 @@ class StudyCase:
     physics_step: float
     """s, of fourth-order Runge-Kutta: short enough that a shorter one changes nothing that is shown"""
 
-    def run(self, progress: Callable[[float], None] | None = None, observe: Observer | None = None) -> xr.Dataset:
-        """The run's log, as of `simulate`, whose errors it raises."""
+    @property
+    def payloads(self) -> list[tuple[float, Payload]]:
+        """What is carried from when on [s]."""
         T = self.law.period
         thirds = [round(k * self.duration / 3 / T) * T for k in (1, 2)]
+        return [(thirds[0], self.payload), (thirds[1], Payload(0.0))]
+
+    def rollouts(self, varied: Sequence[str], metrics: Mapping[str, Sequence[str]] | None = None) -> Rollouts:
+        """The case for many runs at once: see `k1607_pin.rollouts`."""
+        return rollouts(
+            self.plant,
+            self.law,
+            self.duration,
+            self.law.period,
+            self.physics_step,
+            runge_kutta_4,
+            self.payloads,
+            self.from_rest,
+            varied=varied,
+            metrics=metrics,
+        )
+
+    def run(self, progress: Callable[[float], None] | None = None, observe: Observer | None = None) -> xr.Dataset:
+        """The run's log, as of `simulate`, whose errors it raises."""
         return simulate(
             self.plant,
             self.law,
             self.q0,
             self.duration,
-            control_period=T,
+            control_period=self.law.period,
             physics_step=self.physics_step,
             step=runge_kutta_4,
-            payloads=[(thirds[0], self.payload), (thirds[1], Payload(0.0))],
+            payloads=self.payloads,
             from_rest=self.from_rest,
             observe=observe,
             progress=progress,
@@ -131,7 +153,9 @@ def as_published(
     start, gains, choices = choice["start"], choice["gains"], choice["choices"]
     g = choices["gravity_m_s2"] if gravity is None else gravity
     arm = load_k1607(gravity=(0.0, 0.0, 0.0 - g), armature=choice["plant"]["armature_scale"] * load_k1607().armature)
-    rotation = pin.rpy.rpyToMatrix(0.0, np.deg2rad(start["elevation_deg"]), np.deg2rad(start["azimuth_deg"]))
+    if not choices["joint_limits"]:
+        arm = _without_limits(arm)
+    rotation = tool_rotation(start["elevation_deg"], start["azimuth_deg"], start["roll_deg"])
     path, duration = _k1607_path(number, start["z0_in"], choice["line"]["duration_s"])
     q0 = _posture_at(arm, path(0.0).position, rotation, np.deg2rad(start[f"case{number}_deg"]))
     T = choices["control_period_s"] if period is None else period
@@ -143,9 +167,8 @@ def as_published(
     mass = data.load("published")["payload_lb"] * POUND if payload is None else payload
     plant = Plant(arm, viscous=np.full(arm.n, choice["plant"]["viscous_N_m_s"]))
     _require_whole(duration, T)
-    return StudyCase(
-        number, plant, law, q0, duration, Payload(mass), choices["from_rest"], _step(T, choices["physics_step_s"])
-    )
+    held = Payload(mass, np.array([0.0, 0.0, choice["plant"]["payload_offset_in"] * INCH]))
+    return StudyCase(number, plant, law, q0, duration, held, choices["from_rest"], _step(T, choices["physics_step_s"]))
 
 
 def _recommended(number: int, arm: Any, q0: Any, payload: Any, gravity: Any, period: Any) -> StudyCase:
@@ -225,6 +248,13 @@ def _k1607_path(number: int, z0_in: float, line_duration: float) -> tuple[Line |
         return Line(start, end - start), line_duration
     circle = Circle(z0_in * INCH, facts["case2"]["radius_in"] * INCH)
     return circle, circle.times[2]
+
+
+def _without_limits(arm: Arm) -> Arm:
+    """The arm with every joint free to turn once round either way."""
+    model = arm.model
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -2 * np.pi, 2 * np.pi
+    return Arm(model, arm.tool_frame, arm.visual_model, arm.collision_model)
 
 
 def _posture_at(arm: Arm, position: np.ndarray, rotation: np.ndarray, near: np.ndarray) -> np.ndarray:

@@ -1,0 +1,213 @@
+"""Any number of rollouts, in chunks, on whatever executes them; what is done is kept."""
+
+import math
+import os
+import pickle
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import closing
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from k1607_pin.compiled.chunks import Cut
+from k1607_pin.compiled.rollout import Rollouts, processors
+from k1607_pin.compiled.samples import Drawn, Grid, Listed, digest
+from k1607_pin.compiled.store import InMemory, InStore, Variable
+from k1607_pin.compiled.workers import Task, Workers
+
+Samples = Grid | Listed | Drawn
+
+IN_MEMORY = 2**30
+"""Bytes of results above which a store is asked for"""
+LEAST, MOST, CHUNKS, CHUNK_BYTES = 64, 16384, 64, 2**24
+"""The default chunk: no fewer and no more rollouts, so small that there are so many chunks, no more bytes"""
+
+Progress = Callable[[int, int, float, float], None]
+"""Rollouts done and wanted, rollouts per second of this call, seconds left"""
+
+
+def sweep(
+    run: Rollouts | Callable[[], Rollouts],
+    parameters: Samples,
+    q0: Any = None,
+    v0: Any = None,
+    executor: Executor | Callable[[], Executor] | None = None,
+    chunk: int | None = None,
+    store: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    ahead: int | None = None,
+) -> xr.Dataset:
+    """Rollouts over a grid, a list, or distributions of parameters: any number of them, on one machine or many.
+
+    Results depend neither on the executor nor on the chunks, nor on interruptions.
+
+    Parameters
+    ----------
+    run : of `rollouts`; or a module's function that makes them, for what cannot be sent to other processes.
+    parameters : for all that ``run`` varies, and for "q0" or "v0" if you like.
+    q0, v0 : (n,) rad, rad/s where the parameters do not say; v0 None for rest.
+    executor : of `concurrent.futures`, dask's ``Client.get_executor()``, mpi4py.futures; or a function that makes one, called
+        again when its workers die. None for as many threads as there are processors.
+    chunk : rollouts given out at once, at most; None for one that suits the results' size.
+    store : a folder (or URL) for zarr, which then holds the results. Called again after an interruption, the sweep goes on.
+    progress : see `Progress`; called after each chunk, and first with what an earlier call has done.
+    ahead : chunks given out before one is back, which bounds memory; None for twice the workers, or 128.
+
+    Returns
+    -------
+    Dataset as of `rollout`, with the parameters' dimensions for ``rollout``, and their values; of a store, not yet read. What
+    has run away is told by ``failed_at``.
+
+    Raises
+    ------
+    ValueError
+        Names or shapes that do not fit, results too large for memory without a store, the store of another sweep, what cannot
+        be sent to processes; see `rollout` as well.
+    WorkersLostError
+        A chunk has lost its workers three times, or the executor is broken for good. What was done is in the store.
+    """
+    loop = run if isinstance(run, Rollouts) else run()
+    fixed = {name: x for name, x in (("q0", q0), ("v0", v0)) if name not in parameters.along}
+    _require(loop, parameters, q0, v0, chunk)
+    sample = _rollouts(loop, fixed, parameters.values(0, 1))
+    variables = _variables(sample, parameters)
+    count = math.prod(parameters.dims.values())
+    size = sum(x.size for x in variables.values())
+    if store is None and size > IN_MEMORY:
+        raise ValueError(f"store: expected a folder for results of {size / 2**30:.1f} GiB, got None")
+    cut = Cut.of(parameters.dims, chunk or _chunk(count, size // count))
+    frame = sample.drop_vars(list(sample.data_vars))
+    if store is None:
+        kept: InMemory | InStore = InMemory(frame, variables, parameters.along, cut.count)
+    else:
+        identity = {
+            "closed loop": loop.fingerprint(),
+            "engine": sample.attrs["engine"],
+            "first rollout": digest(np.concatenate([x.values.ravel() for x in sample.data_vars.values()])),
+            "dimensions": str(parameters.dims),
+            "chunk": str(cut.box),
+            **{name: "rest" if x is None else digest(x) for name, x in fixed.items()},
+            **parameters.identity(),
+        }
+        kept = InStore(os.fspath(store), frame, variables, parameters.along, cut, identity)
+    with Workers(executor or partial(ThreadPoolExecutor, processors())) as workers:
+        work = (None if isinstance(parameters, Listed) else parameters), fixed
+        sent = (loop, *work) if workers.in_threads else _packed((run, *work))
+        told = _Told(progress, count, sum(cut.size(int(k)) for k in np.flatnonzero(kept.done)))
+        with closing(workers.results(_computed, _tasks(cut, kept.done, sent, parameters), ahead)) as results:
+            for k, arrays in results:
+                for name, x in arrays.items():
+                    cut.write(k, kept.arrays[name], variables[name].dims, x)
+                kept.mark(k)
+                told(cut.size(k))
+    return kept.opened()
+
+
+class _Told:
+    """Progress, and how fast it is."""
+
+    def __init__(self, progress: Progress | None, total: int, done: int) -> None:
+        self._progress, self._total, self._before, self._done = progress, total, done, done
+        self._start = time.monotonic()
+        if done:
+            self(0)
+
+    def __call__(self, more: int) -> None:
+        self._done += more
+        rate = (self._done - self._before) / max(time.monotonic() - self._start, 1e-9)
+        missing = self._total - self._done
+        left = missing / rate if rate else math.inf if missing else 0.0
+        if self._progress:
+            self._progress(self._done, self._total, rate, left)
+
+
+def _tasks(cut: Cut, done: np.ndarray, sent: Any, parameters: Samples) -> Iterator[Task]:
+    for k in range(cut.count):
+        if not done[k]:
+            start, stop = cut.stretch(k)
+            # of a list, only the stretch: a long one is not to be sent again and again
+            listed = parameters.values(start, stop) if isinstance(parameters, Listed) else None
+            yield k, (sent, start, stop, listed)
+
+
+def _computed(sent: Any, start: int, stop: int, listed: Mapping[str, np.ndarray] | None) -> dict[str, np.ndarray]:
+    """Parameters and results of a chunk; runs in the worker."""
+    loop, parameters, fixed = _unpacked(sent) if isinstance(sent, bytes) else sent
+    values = parameters.values(start, stop) if listed is None else listed
+    found = _rollouts(loop, fixed, values)
+    return {**values, **{str(name): x.values for name, x in found.data_vars.items()}}
+
+
+def _rollouts(loop: Rollouts, fixed: Mapping[str, Any], values: Mapping[str, np.ndarray]) -> xr.Dataset:
+    given = {**fixed, **values}
+    q0, v0 = given.pop("q0"), given.pop("v0")
+    return loop(q0, v0, given, threads=1)
+
+
+def _packed(work: Any) -> bytes:
+    try:
+        from cloudpickle import dumps  # lambdas and what a script defines, too
+    except ImportError:
+        from pickle import dumps
+    try:
+        return dumps(work)
+    except Exception as error:
+        raise ValueError(
+            "executor: expected a closed loop that can be sent to other processes (with cloudpickle, functions within functions "
+            f"too), or for run a module's function that makes it, got {type(error).__name__}: {error}"
+        ) from error
+
+
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def _unpacked(work: bytes) -> Any:
+    with _ONE_AT_A_TIME:  # a worker of many threads makes the closed loop once
+        return _made(work)
+
+
+@lru_cache(maxsize=4)
+def _made(work: bytes) -> Any:
+    run, *rest = pickle.loads(work)
+    return run if isinstance(run, Rollouts) else run(), *rest
+
+
+def _variables(sample: xr.Dataset, parameters: Samples) -> dict[str, Variable]:
+    """What there will be: the parameters, and the results of one rollout for all of them."""
+    dims = parameters.dims
+    made: dict[str, Variable] = {}
+    for name, x in parameters.values(0, 1).items():
+        own = tuple(f"{name}_{k}" for k in range(x.ndim - 1))
+        made[name] = Variable((parameters.along[name], *own), (dims[parameters.along[name]], *x.shape[1:]), {})
+    for result, found in sample.data_vars.items():
+        rest = tuple(str(dim) for dim in found.dims[1:])
+        made[str(result)] = Variable((*dims, *rest), (*dims.values(), *found.shape[1:]), found.attrs)
+    return made
+
+
+def _chunk(count: int, size: int) -> int:
+    return max(1, min(max(LEAST, -(-count // CHUNKS)), MOST, CHUNK_BYTES // size))
+
+
+def _require(loop: Rollouts, parameters: Samples, q0: Any, v0: Any, chunk: int | None) -> None:
+    wanted, given = set(loop.varied), set(parameters.along)
+    if wanted != given - {"q0", "v0"}:
+        raise ValueError(
+            f"parameters: expected {', '.join(loop.varied) or 'nothing'} and q0, v0 at will, got {', '.join(given)}"
+        )
+    for name, x in (("q0", q0), ("v0", v0)):
+        if name in given and x is not None:
+            raise ValueError(f"{name}: expected none beside the parameters', got {x!r}")
+        if x is not None and np.shape(x) != (loop.loop.n,):
+            raise ValueError(
+                f"{name}: expected ({loop.loop.n},), got shape {np.shape(x)}; many of them go to parameters"
+            )
+    if "q0" not in given and q0 is None:
+        raise ValueError("q0: expected where the rollouts start, got None, and parameters do not say")
+    if chunk is not None and (not isinstance(chunk, int) or chunk < 1):
+        raise ValueError(f"chunk: expected a whole number of rollouts from 1 on, got {chunk!r}")

@@ -1,0 +1,302 @@
+"""Sweeps: the same bytes whoever computes them, in whatever chunks, with whatever interruptions."""
+
+import multiprocessing
+import os
+import signal
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import cloudpickle
+import numpy as np
+import pytest
+import scipy.stats
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import k1607_pin as k1607
+from k1607_pin.compiled.chunks import Cut
+from k1607_pin.compiled.rollout import Rollouts, rollouts
+from k1607_pin.compiled.workers import WorkersLostError
+
+START = np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])
+cloudpickle.register_pickle_by_value(sys.modules[__name__])  # as what is written in a notebook is sent
+SPAWN = multiprocessing.get_context("spawn")
+DRAWN = k1607.Drawn(
+    {"payloads.0.payload.mass": k1607.Uniform(0.0, 9.0), "q0": k1607.Normal(START, np.full(7, 0.02))}, count=150, seed=3
+)
+
+
+class Hold:
+    """Damping and a spring, nothing else."""
+
+    def start(self, q, v, duration):
+        return ()
+
+    def initial(self, q, v):
+        return ()
+
+    def update(self, t, q, v, state):
+        return 50 * (START - q) - 20 * v, state, {"error": START - q}
+
+
+def loop() -> Rollouts:
+    """A tenth of a second with a payload."""
+    return rollouts(
+        k1607.load_k1607(gravity=(0, 0, 0)), Hold(), 0.1, payloads=[(0.03, k1607.Payload(1.0))],
+        varied=("payloads.0.payload.mass",), metrics={"error": ("max", "rms"), "tau": ("max",)},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run():
+    return loop()
+
+
+@pytest.fixture(scope="module")
+def expected(run):
+    """By one call of `rollout`'s own."""
+    values = DRAWN.values(0, 150)
+    return run(values["q0"], None, {name: x for name, x in values.items() if name != "q0"})
+
+
+def same(found, expected):
+    """To the last bit, and nothing left out."""
+    for name in expected.data_vars:
+        np.testing.assert_array_equal(found[name].values, expected[name].values, err_msg=name)
+
+
+@pytest.mark.parametrize("chunk", [None, 1, 7, 64, 1000])
+def test_chunks_do_not_matter(run, expected, chunk):
+    found = k1607.sweep(run, DRAWN, chunk=chunk if chunk != 1 else 50)
+    same(found, expected)
+    np.testing.assert_array_equal(found["q0"], DRAWN.values(0, 150)["q0"])
+
+
+def test_processes_give_the_same_bytes(run, expected):
+    same(k1607.sweep(run, DRAWN, chunk=40, executor=partial(ProcessPoolExecutor, 2, SPAWN)), expected)
+
+
+def test_dask_gives_the_same_bytes(run, expected):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        same(k1607.sweep(run, DRAWN, chunk=40, executor=client.get_executor()), expected)
+
+
+class Dies(Hold):
+    """In a worker process, kills it once; the file tells that it has."""
+
+    def __init__(self, file, pid):
+        self.file, self.pid = file, pid
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        if os.getpid() != self.pid and not Path(self.file).exists():
+            Path(self.file).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def mortal(file, pid):
+    return rollouts(
+        k1607.load_k1607(gravity=(0, 0, 0)), Dies(file, pid), 0.1, payloads=[(0.03, k1607.Payload(1.0))],
+        varied=("payloads.0.payload.mass",), metrics={"error": ("max", "rms"), "tau": ("max",)},
+    )  # fmt: skip
+
+
+def test_a_killed_worker_costs_time_and_no_results(expected, tmp_path):
+    file = tmp_path / "died"
+    pool = partial(ProcessPoolExecutor, 2, SPAWN)
+    same(k1607.sweep(mortal(str(file), os.getpid()), DRAWN, chunk=40, executor=pool), expected)
+    assert file.exists()
+
+
+def test_an_executor_that_nobody_can_make_anew_is_told_of(tmp_path):
+    with ProcessPoolExecutor(1, SPAWN) as pool, pytest.raises(WorkersLostError, match="a function that makes it"):
+        k1607.sweep(mortal(str(tmp_path / "died"), os.getpid()), DRAWN, chunk=40, executor=pool)
+
+
+# Stores
+
+
+def of(store):
+    """Name -> bytes of each file, the marks apart."""
+    return {str(f.relative_to(store)): f.read_bytes() for f in Path(store).rglob("*") if f.is_file()}
+
+
+def test_a_store_is_the_same_with_and_without_interruption(run, expected, tmp_path):
+    pytest.importorskip("zarr")
+    whole = k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "whole")
+    same(whole, expected)
+
+    class Stop(Exception):
+        pass
+
+    def stop(done, total, rate, left):
+        if done >= 60:
+            raise Stop
+
+    with pytest.raises(Stop):
+        k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "twice", progress=stop)
+    told = []
+    again = k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "twice", progress=lambda *x: told.append(x))
+    assert told[0][0] >= 60  # what was there
+    assert [x[0] for x in told] == sorted(x[0] for x in told)
+    assert told[-1][:2] == (150, 150)
+    same(again, expected)
+    assert of(tmp_path / "twice") == of(tmp_path / "whole")
+    same(xr.open_zarr(tmp_path / "twice", consolidated=True), expected)
+
+
+def test_ctrl_c_keeps_what_is_done(run, expected, tmp_path):
+    pytest.importorskip("zarr")
+
+    def interrupt(done, total, rate, left):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s", progress=interrupt)
+    told = []
+    same(k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s", progress=lambda *x: told.append(x)), expected)
+    assert told[0][0] == 20
+
+
+def test_another_sweep_s_store_is_refused(run, tmp_path):
+    pytest.importorskip("zarr")
+    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
+    other = k1607.Drawn(DRAWN.distributions, count=150, seed=4)
+    with pytest.raises(ValueError, match="seed: 3, now 4"):
+        k1607.sweep(run, other, chunk=50, store=tmp_path / "s")
+    with pytest.raises(ValueError, match="chunk"):
+        k1607.sweep(run, DRAWN, chunk=51, store=tmp_path / "s")
+    (tmp_path / "else").mkdir()
+    (tmp_path / "else" / "mine.txt").write_text("precious")
+    with pytest.raises(ValueError, match="store: expected a new folder"):
+        k1607.sweep(run, DRAWN, store=tmp_path / "else")
+    assert (tmp_path / "else" / "mine.txt").read_text() == "precious"
+
+
+def test_results_too_large_for_memory_ask_for_a_store(run):
+    with pytest.raises(ValueError, match="store: expected a folder for results of .* GiB"):
+        k1607.sweep(run, k1607.Drawn(DRAWN.distributions, count=10**9))
+
+
+# Samples
+
+
+def test_a_grid_has_a_dimension_a_parameter(run):
+    grid = k1607.Grid({"payloads.0.payload.mass": [0.0, 3.0, 6.0], "v0": np.zeros((2, 7)) + [[0], [0.1]]})
+    found = k1607.sweep(run, grid, START, chunk=2)
+    assert found.error_max.shape == (3, 2, 7)
+    assert found.error_max.dims[:2] == ("payloads.0.payload.mass", "v0.number")
+    alone = run(START, np.full(7, 0.1), {"payloads.0.payload.mass": [6.0]})
+    np.testing.assert_array_equal(found.tau_max[2, 1], alone.tau_max[0])
+
+
+def test_a_list_and_draws_at_each_point_of_a_grid(run):
+    listed = k1607.Listed({"payloads.0.payload.mass": [1.0, 2.0, 5.0]})
+    found = k1607.sweep(run, listed, START, chunk=2)
+    np.testing.assert_array_equal(found.tau_max, run(START, None, {"payloads.0.payload.mass": [1.0, 2.0, 5.0]}).tau_max)
+    both = k1607.Grid({"payloads.0.payload.mass": [1.0, 2.0]}, k1607.Drawn({"q0": k1607.Normal(START, np.ones(7))}, 4))
+    crossed = k1607.sweep(run, both)
+    assert crossed.tau_max.dims[:2] == ("payloads.0.payload.mass", "rollout")
+    q0 = both.each.values(0, 4)["q0"]
+    np.testing.assert_array_equal(crossed.tau_max[1], run(q0, None, {"payloads.0.payload.mass": [2.0]}).tau_max)
+
+
+@pytest.mark.parametrize("points", ["sobol", "random"])
+@given(start=st.integers(0, 300), size=st.integers(1, 50))
+@settings(max_examples=25, deadline=None)
+def test_what_is_drawn_depends_on_its_number_alone(points, start, size):
+    of_all = k1607.Drawn(DRAWN.distributions, 400, 5, points).values(0, 400)
+    part = k1607.Drawn(DRAWN.distributions, 10**6, 5, points).values(start, start + size)
+    for name, x in part.items():
+        np.testing.assert_array_equal(x, of_all[name][start : start + size])
+
+
+@pytest.mark.parametrize("points", ["sobol", "random"])
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        (k1607.Uniform(-1.0, 3.0), scipy.stats.uniform(-1, 4)),
+        (k1607.LogUniform(1e-2, 1e3), scipy.stats.loguniform(1e-2, 1e3)),
+        (k1607.Normal(2.0, 0.5), scipy.stats.norm(2, 0.5)),
+    ],
+)
+def test_distributions_are_what_they_are_called(points, ours, theirs):
+    x = k1607.Drawn({"x": ours}, 4096, 1, points).values(0, 4096)["x"]
+    assert scipy.stats.kstest(x, theirs.cdf).pvalue > 1e-3
+    np.testing.assert_allclose(k1607.Drawn({"x": theirs}, 4096, 1, points).values(0, 4096)["x"], x, rtol=1e-9)
+
+
+def test_integers_are_all_alike_often():
+    x = k1607.Drawn({"x": k1607.Integers(3, 7)}, 4096).values(0, 4096)["x"]
+    assert set(np.unique(x, return_counts=True)[1]) == {1024}
+
+
+@given(st.lists(st.integers(1, 7), min_size=1, max_size=3), st.integers(1, 60))
+def test_chunks_cover_everything_once(sizes, rollouts_a_chunk):
+    cut = Cut.of({f"d{k}": size for k, size in enumerate(sizes)}, rollouts_a_chunk)
+    seen = np.zeros(sizes, int)
+    for k in range(cut.count):
+        region = tuple(cut.region(k).values())
+        seen[region] += 1
+        first, last = cut.stretch(k)
+        np.testing.assert_array_equal(np.arange(seen.size).reshape(sizes)[region].ravel(), np.arange(first, last))
+        assert last - first <= rollouts_a_chunk
+    assert (seen == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: k1607.Uniform(1.0, 0.0), "lower < upper"),
+        (lambda: k1607.LogUniform(0.0, 1.0), "lower: expected positive"),
+        (lambda: k1607.Normal(0.0, 0.0), "sigma: expected"),
+        (lambda: k1607.Listed({"a": [1, 2], "b": [1]}), "as many values"),
+        (lambda: k1607.Listed({"a": [1, np.nan]}), "a: expected"),
+        (lambda: k1607.Grid({}), "axes: expected at least one"),
+        (lambda: k1607.Drawn({"a": 3.0}, 5), "a: expected a distribution"),
+        (lambda: k1607.Drawn({"a": k1607.Uniform(0, 1)}, 0), "count"),
+    ],
+)
+def test_samples_refuse(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"parameters": k1607.Listed({"q0": START[None]})}, "parameters: expected payloads.0.payload.mass"),
+        ({"q0": START}, "q0: expected none beside"),
+        ({"chunk": 0}, "chunk: expected"),
+        ({"parameters": k1607.Listed({"payloads.0.payload.mass": [1.0]})}, "q0: expected where"),
+    ],
+)
+def test_sweep_refuses(run, more, said):
+    with pytest.raises(ValueError, match=said):
+        k1607.sweep(**{"run": run, "parameters": DRAWN, **more})
+
+
+def test_memory_is_bounded_by_what_is_ahead(run):
+    """No more chunks are under way than were asked for."""
+    under_way, most = [0], [0]
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, *arguments):
+            under_way[0] += 1
+            most[0] = max(most[0], under_way[0])
+            future = super().submit(*arguments)
+            future.add_done_callback(lambda _: under_way.__setitem__(0, under_way[0] - 1))
+            return future
+
+    with Counting(2) as pool:
+        k1607.sweep(run, DRAWN, chunk=5, executor=pool, ahead=3)
+    assert most[0] <= 3
