@@ -26,6 +26,7 @@ lint: .venv/lint
 bench: .venv/bench
 	$(BIN)/python benchmarks/bench_kinematics.py
 	$(BIN)/python benchmarks/bench_dynamics.py
+	$(BIN)/python benchmarks/bench_rollouts.py --plot $(OUT)
 
 notebooks: .venv/notebooks
 	$(BIN)/jupyter lab notebooks

@@ -11,7 +11,12 @@ from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics
 from k1607_pin.arm.load import load_example, load_k1607, load_urdf
 from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.arm.wrench import Wrench
+from k1607_pin.compiled.batch import batch
+from k1607_pin.compiled.export import export
 from k1607_pin.compiled.rollout import rollout, rollouts
+from k1607_pin.compiled.samples import Drawn, Grid, Integers, Listed, LogUniform, Normal, Scaled, Uniform
+from k1607_pin.compiled.sweep import sweep
+from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.control.cartesian import CartesianAdaptive
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
 from k1607_pin.simulation.plant import Plant
@@ -20,13 +25,24 @@ from k1607_pin.simulation.simulate import SimulationError, simulate
 __all__ = [
     "Arm",
     "CartesianAdaptive",
+    "Drawn",
+    "Grid",
+    "Integers",
     "InverseKinematics",
+    "Listed",
+    "LogUniform",
+    "Normal",
     "Payload",
     "Plant",
+    "Scaled",
     "SimulationError",
+    "TracingError",
+    "Uniform",
     "Wrench",
+    "batch",
     "closed_form",
     "differential",
+    "export",
     "inverse_kinematics",
     "load_example",
     "load_k1607",
@@ -36,6 +52,7 @@ __all__ = [
     "rollout",
     "rollouts",
     "simulate",
+    "sweep",
     "with_payload",
 ]
 __version__ = "0.1.0"

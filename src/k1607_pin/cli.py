@@ -362,7 +362,7 @@ def sweep(
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    from k1607_pin.compiled.rollout import processors
+    from k1607_pin.compiled.lanes import processors
     from k1607_pin.compiled.sweep import sweep as run
     from k1607_pin.report.cases import study_case
     from k1607_pin.report.sweeps import QUANTILES, names_of, parameters_of, summary
@@ -544,7 +544,7 @@ def export(
         cmake -S c -B build && cmake --build build && ctest --test-dir build
     """
     from k1607_pin.compiled.export import export as write
-    from k1607_pin.compiled.export_presets import law_of
+    from k1607_pin.compiled.export.presets import law_of
 
     arm = _robot(robot)
     laws = {name: law_of(arm, name, period * 1e-3) for name in law or ()}

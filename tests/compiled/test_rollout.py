@@ -120,7 +120,12 @@ def test_any_arm(name, agrees, cartesian):
     arm = k1607.load_example(name)
     start = {"ur5": [0.3, -1.2, 1.4, -0.9, -1.2, 0.2]}.get(name, [0.1, -0.9, 0.3, -1.5, 0.2, 1.6, 0.3])
     law = cartesian(arm, np.array(start), 0.001, omega=4.0)
-    settings = {"q0": np.array(start), "duration": 0.3, "control_period": 0.001, "payloads": [(0.1, k1607.Payload(0.3))]}
+    settings = {
+        "q0": np.array(start),
+        "duration": 0.3,
+        "control_period": 0.001,
+        "payloads": [(0.1, k1607.Payload(0.3))],
+    }
     agrees(k1607.rollout(arm, law, **settings, log=LOGGED), k1607.simulate(arm, law, **settings), LOGGED)
 
 

@@ -183,7 +183,7 @@ def test_another_sweep_s_store_is_refused(run, tmp_path):
 
 
 def test_results_too_large_for_memory_ask_for_a_store(run):
-    with pytest.raises(ValueError, match="store: expected a folder for results of .* GiB"):
+    with pytest.raises(ValueError, match=r"store: expected a folder for results of .* GiB"):
         k1607.sweep(run, k1607.Drawn(DRAWN.distributions, count=10**9))
 
 
@@ -191,7 +191,7 @@ def test_results_too_large_for_memory_ask_for_a_store(run):
 
 
 def test_a_grid_has_a_dimension_a_parameter(run):
-    grid = k1607.Grid({"payloads.0.payload.mass": [0.0, 3.0, 6.0], "v0": np.zeros((2, 7)) + [[0], [0.1]]})
+    grid = k1607.Grid({"payloads.0.payload.mass": [0.0, 3.0, 6.0], "v0": np.repeat([[0.0], [0.1]], 7, axis=1)})
     found = k1607.sweep(run, grid, START, chunk=2)
     assert found.error_max.shape == (3, 2, 7)
     assert found.error_max.dims[:2] == ("payloads.0.payload.mass", "v0.number")
@@ -233,6 +233,17 @@ def test_distributions_are_what_they_are_called(points, ours, theirs):
     x = k1607.Drawn({"x": ours}, 4096, 1, points).values(0, 4096)["x"]
     assert scipy.stats.kstest(x, theirs.cdf).pvalue > 1e-3
     np.testing.assert_allclose(k1607.Drawn({"x": theirs}, 4096, 1, points).values(0, 4096)["x"], x, rtol=1e-9)
+
+
+def test_a_scaled_array_keeps_its_shape():
+    A = np.array([[2.0, 1.0], [1.0, 3.0]])
+    x = k1607.Drawn({"x": k1607.Scaled(A, k1607.LogUniform(0.5, 2.0)), "y": k1607.Uniform(0.0, 1.0)}, 512).values(
+        0, 512
+    )
+    factor = x["x"][:, 0, 0] / 2
+    np.testing.assert_allclose(x["x"], factor[:, None, None] * A, rtol=1e-15)
+    assert scipy.stats.kstest(factor, scipy.stats.loguniform(0.5, 2).cdf).pvalue > 1e-3
+    assert x["y"].shape == (512,)
 
 
 def test_integers_are_all_alike_often():

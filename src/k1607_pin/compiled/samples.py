@@ -104,6 +104,20 @@ class Integers:
 
 
 @dataclass(frozen=True, eq=False)
+class Scaled:
+    """An array times one drawn factor: a matrix of gains, say, which stays what it is but for its size."""
+
+    array: Any
+    factor: Distribution
+
+    def ppf(self, u: Any) -> Any:
+        """See `Distribution`; of each array's shares the first one counts."""
+        array, u = np.asarray(self.array, dtype=float), np.asarray(u)
+        first = u[(..., *(0,) * array.ndim)] if u.ndim >= array.ndim and u.ndim else u
+        return np.multiply.outer(self.factor.ppf(first), array)
+
+
+@dataclass(frozen=True, eq=False)
 class Listed:
     """Rollouts one by one: name -> (N, ...) values of each parameter."""
 

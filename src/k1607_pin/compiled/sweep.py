@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from k1607_pin.compiled.chunks import Cut
-from k1607_pin.compiled.rollout import Rollouts, processors
+from k1607_pin.compiled.lanes import processors
+from k1607_pin.compiled.rollout import Rollouts
 from k1607_pin.compiled.samples import Drawn, Grid, Listed, digest
 from k1607_pin.compiled.store import InMemory, InStore, Variable
 from k1607_pin.compiled.workers import Task, Workers

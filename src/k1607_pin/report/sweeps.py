@@ -30,9 +30,7 @@ def names_of(texts: Sequence[str]) -> tuple[str, ...]:
     return tuple(re.split("[=~]", text)[0] for text in texts)
 
 
-def parameters_of(
-    texts: Sequence[str], count: int, seed: int, shapes: Mapping[str, tuple[int, ...]]
-) -> Grid | Drawn:
+def parameters_of(texts: Sequence[str], count: int, seed: int, shapes: Mapping[str, tuple[int, ...]]) -> Grid | Drawn:
     """What ``texts`` say: "name=lower:upper:count" for a grid, "name~normal:mean:sigma" and the like for what is drawn.
 
     Parameters

@@ -1,0 +1,113 @@
+"""What the header says of the numbers that a control law takes and gives."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from k1607_pin.compiled.export.function import Field
+from k1607_pin.control.practice import OFF, Practice
+
+Variables = Mapping[str, tuple[tuple[str, ...], str]]
+
+RENAMED = {
+    "mode.0": "selection",
+    "mode.1": "wanted_force",
+    "posture.path.0": "posture_position",
+    "posture.path.1": "posture_velocity",
+    "posture.omega": "posture_omega",
+}
+"""What a controller has without a telling name"""
+
+OUTPUTS = {"error": ("joint_error", "error"), "force_error": ("force_error",)}
+"""Given beside the torque: name, and the first of these that the controller logs"""
+
+TOOL = {
+    "position": ("m", "wanted position of the tool's origin, base axes"),
+    "velocity": ("m/s", "its rate"),
+    "acceleration": ("m/s^2", "its second derivative"),
+    "rotation": ("1", "wanted orientation, tool in base"),
+    "angular_velocity": ("rad/s", "wanted, base axes"),
+    "angular_acceleration": ("rad/s^2", "wanted, base axes"),
+}
+JOINTS = {
+    "position": ("rad (m)", "wanted joint positions"),
+    "velocity": ("rad/s (m/s)", "wanted joint velocities"),
+    "acceleration": ("rad/s^2 (m/s^2)", "wanted joint accelerations"),
+}
+KNOWN = {
+    "t": ("s", "time of the sample"),
+    "rotation": ("1", "wanted orientation, tool in base, held"),
+    "period": ("s", "control period"),
+    "beta_1": ("SI", "rate at which K_p adapts, (76)"),
+    "beta_2": ("SI", "rate at which K_d adapts, (77)"),
+    "force_beta_1": ("SI", "rate at which the force loop's K_p adapts"),
+    "force_beta_2": ("SI", "rate at which the force loop's K_d adapts"),
+    "K_p": ("", "proportional gains, (40)"),
+    "K_d": ("", "derivative gains, (40)"),
+    "posture_omega": ("1/s", "how fast the posture is approached"),
+    "posture_position": ("rad (m)", "posture to keep to where the tool's task leaves freedom"),
+    "posture_velocity": ("rad/s (m/s)", "its rate"),
+    "omega": ("1/s", "double pole of the closed loop"),
+    "stiffness": ("N/m, N m/rad", "assumed of the contact, compliance axes"),
+    "compliance": ("1", "compliance axes in the base, columns"),
+    "transition": ("s", "in which what a change of mode leaves behind fades"),
+    "force_integral": ("1/s", "gain of the force error's integral"),
+    "touch": ("N, N m", "force below which the force loop does not learn"),
+    "sensor": ("N, N m", "force and moment of the world on the tool, base axes"),
+    "selection": ("1", "1 force-controlled, 0 position-controlled, compliance axes"),
+    "wanted_force": ("N, N m", "of the tool on the world, compliance axes"),
+    "error": ("", "wanted less actual, (41)"),
+    "force_error": ("N, N m", "wanted less measured, compliance axes"),
+    "velocity": ("rad/s (m/s)", "filtered joint velocities"),
+    "offset": ("m, rad; N, N m", "of the reference after a change of mode, fading"),
+    "offset_rate": ("per s", "its rate"),
+    "transfer": ("N, N m", "what the last change of mode would have made the command jump by, fading"),
+    "integral": ("N, N m", "of the force error"),
+}
+
+
+TITLES = {
+    "CartesianAdaptive": "the Cartesian adaptive scheme, figure 13, (40)-(41) and (76)-(77).",
+    "JointAdaptive": "the joint-space adaptive scheme, figure 12, (40) and (76)-(77) in joint errors.",
+    "HybridAdaptive": "the hybrid position/force scheme, figure 14; docs/hybrid.md derives its law.",
+}
+
+
+def title(controller: Any) -> str:
+    """What it is, in a line."""
+    kind = type(controller).__name__
+    return TITLES.get(kind, (type(controller).__doc__ or kind).strip().splitlines()[0])
+
+
+def options(controller: Any) -> tuple[str, ...]:
+    """Those of its practices that are not off, a line each."""
+    lines = []
+    for where, practice in vars(controller).items():
+        if not isinstance(practice, Practice):
+            continue
+        values = {f.name: np.asarray(getattr(practice, f.name)) for f in fields(practice)}
+        on = [f"{name} {np.array2string(x)}" for name, x in values.items() if not np.array_equal(x, getattr(OFF, name))]
+        lines += [f"Part of the code, {where}: {', '.join(on)}."] if on else []
+    return tuple(lines)
+
+
+def output_names(log: Mapping[str, Any]) -> dict[str, str]:
+    """C's name -> the controller's, of what is given beside the torque."""
+    found = {name: next((key for key in keys if key in log), None) for name, keys in OUTPUTS.items()}
+    return {name: key for name, key in found.items() if key is not None}
+
+
+def described(role: str, name: str, shape: tuple[int, ...], variables: Variables, key: str = "") -> Field:
+    """The field with its unit and meaning, as far as they are known; ``key``: the controller's name for what is logged."""
+    unit, says = KNOWN.get(name) or KNOWN.get(name[-len("K_p") :], ("", ""))  # the gains of a loop
+    if role == "reference":
+        of_path = JOINTS if "joint_error" in variables else TOOL
+        unit, says = of_path.get(name, (unit, says))
+    if not unit:
+        logged = key or name.replace("gains_", "").replace("position_", "")
+        unit = variables.get(logged, ((), ""))[1]
+    if role == "parameters" and "K_" in name:
+        says = f"{says}, at the start"
+    return Field(name, shape, unit or "as the controller has it", says)
