@@ -16,8 +16,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pinocchio as pin
-from matplotlib.figure import Figure
 from bench_export import control_ticks
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 from the_loop import PERIOD, START, the_law

@@ -134,6 +134,7 @@ def test_a_store_is_the_same_with_and_without_interruption(run, expected, tmp_pa
     pytest.importorskip("zarr")
     whole = k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "whole")
     same(whole, expected)
+    xr.testing.assert_identical(whole, k1607.sweep(run, DRAWN, chunk=20))  # q0 with a dimension of its own included
 
     class Stop(Exception):
         pass
