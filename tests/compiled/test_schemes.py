@@ -72,6 +72,8 @@ def test_hybrid_on_a_wall_that_changes_and_lets_go(arm, q0, agrees):
     reference = k1607.simulate(arm, law, q0, 1.0, **settings)
     assert (reference.force[:, 0] > 5).any()
     agrees(k1607.rollout(arm, law, q0, 1.0, log=names, **settings), reference, names)
+    with pytest.raises(ValueError, match=r"got 'controller\.modes\.0\.force'; what only a function of time"):
+        k1607.rollout(arm, law, q0, 0.5, vary={"controller.modes.0.force": np.ones((3, 6))}, **settings)
     rubbed = k1607.rollout(
         arm, law, q0, 0.5, vary={"external.wall.friction": [0.0, 0.3, 0.6]}, log=("force",), **settings
     )

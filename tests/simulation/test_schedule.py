@@ -42,6 +42,17 @@ def test_a_ramp_grows_linearly_and_ends_exactly():
     assert schedule.at(2.5).mass == 0
 
 
+@given(st.floats(0, 4), st.floats(0, 0.5))
+def test_shares_are_what_is_carried_and_what_is_new(t, ago):
+    changes = [(0.5, BOX), (1.0, BAR, 0.5), (2.0, Payload(0.0), 0.3), (3.0, BOX, 0.7)]
+    schedule = PayloadSchedule(changes, 4.0)
+    bodies = np.array([inertia(change[1]) for change in changes])
+    carried = np.tensordot(schedule.shares(t), bodies, 1)
+    assert np.abs(carried - inertia(schedule.at(t))).max() < 1e-14
+    gripped = np.tensordot(schedule.gripped_shares(t - ago, t), bodies, 1)
+    assert np.abs(gripped - inertia(schedule.gripped(t - ago, t))).max() < 1e-14
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

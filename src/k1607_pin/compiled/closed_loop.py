@@ -163,6 +163,7 @@ class _Tracing:
                 "hoisted": None, "more": more,
             }  # fmt: skip
             programs[name] = _program(name, inputs, outputs)
+        self.require_effect(programs, {seed for seed, _, _ in tracer.noise})
         hot = [name for name in programs if name not in ("initial", "payload", "grip")]
         numbers_of_slow = [INPUTS.index(name) for name in slow]
         hoist, rest = hoisted(
@@ -174,6 +175,20 @@ class _Tracing:
             self.n, programs, tracer, physics, self.shapes, self.state, given, tuple(metric_list), tuple(log_list), stages,
             2 * len(self.changes),
         )  # fmt: skip
+
+    def require_effect(self, programs: Mapping[str, Program], seeds: set[str]) -> None:
+        """Refuse what would be varied in vain."""
+        number = INPUTS.index("parameters")
+        used = {n.place[1] for p in programs.values() for n in p.nodes if n.op == "input" and n.place[0] == number}
+        first = 0
+        for name, shape in self.shapes.items():
+            last = first + int(np.prod(shape))
+            if name not in seeds and not used.intersection(range(first, last)):
+                raise ValueError(
+                    f"vary: expected numbers that the loop depends on, got {name!r}; what only a function of time depends on, a "
+                    "table that all rollouts share, cannot differ"
+                )
+            first = last
 
     def law(
         self,
