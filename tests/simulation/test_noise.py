@@ -36,7 +36,7 @@ def test_a_law_is_told_the_noise_and_no_more():
     arm = k1607.load_k1607(gravity=(0, 0, 0))
     q0 = np.zeros(7)
     gains = gains_from_mass(arm, q0, 5.0)
-    law = GravityPD(arm, plan_joints(arm, [q0, q0 + 0.1]), gains)
+    law = GravityPD(arm, plan_joints(arm, [q0 + 0.1], q0), gains)
     noisy, still = with_noise(law, 7, 0.01, 1e-3, 1e-2, seed=5), np.zeros(7)
     plain, told = law.update(0.03, q0, still, None)[0], noisy.update(0.03, q0, still, noisy.start(q0, still, 0.1))[0]
     x = standard_normal(5, 3, 14)
