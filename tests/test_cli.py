@@ -194,6 +194,22 @@ def test_compare_refuses_a_file_of_something_else(tmp_path):
     assert "to have the columns" in " ".join(result.stderr.split())
 
 
+def test_sweep_as_json_with_a_store(tmp_path):
+    vary = ("--vary", "payloads.0.payload.mass=0:9:3", "--vary", "plant.viscous~uniform:5:15")
+    told = json.loads(k1607("sweep", "1", *vary, "-n", "4", "--json", "--store", str(tmp_path / "s")).stdout)
+    assert told["rollouts"] == told["counted"] == 12
+    with xr.open_zarr(tmp_path / "s") as found:
+        assert found.sizes["payloads.0.payload.mass"] == 3
+        worst = 1e3 * found.error_max.sel(direction=["x", "y", "z"]).max("direction")
+        assert told["errors"]["largest position error, mm"][-1] == pytest.approx(float(worst.max()))
+        assert told["lost"] == float(found.failed_at.notnull().mean())
+
+
+def test_sweep_refuses_what_it_cannot_read():
+    assert "name=lower:upper:count" in " ".join(k1607("sweep", "--vary", "plant.viscous=1:2").stderr.split())
+    assert "at least one parameter" in " ".join(k1607("sweep").stderr.split())
+
+
 def test_drift_as_json_with_log_and_figure(tmp_path):
     result = k1607("drift", "--minutes", "0.05", "--json", "--out", str(tmp_path))
     assert result.returncode == 0, result.stderr

@@ -3,7 +3,9 @@
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
+import tracemalloc
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -19,7 +21,8 @@ from hypothesis import strategies as st
 import k1607_pin as k1607
 from k1607_pin.compiled.chunks import Cut
 from k1607_pin.compiled.rollout import Rollouts, rollouts
-from k1607_pin.compiled.workers import WorkersLostError
+from k1607_pin.compiled.workers import Workers, WorkersLostError
+from k1607_pin.report.cases import study_case
 
 START = np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # as what is written in a notebook is sent
@@ -68,9 +71,9 @@ def same(found, expected):
         np.testing.assert_array_equal(found[name].values, expected[name].values, err_msg=name)
 
 
-@pytest.mark.parametrize("chunk", [None, 1, 7, 64, 1000])
+@pytest.mark.parametrize("chunk", [None, 7, 50, 1000])
 def test_chunks_do_not_matter(run, expected, chunk):
-    found = k1607.sweep(run, DRAWN, chunk=chunk if chunk != 1 else 50)
+    found = k1607.sweep(run, DRAWN, chunk=chunk)
     same(found, expected)
     np.testing.assert_array_equal(found["q0"], DRAWN.values(0, 150)["q0"])
 
@@ -122,6 +125,11 @@ def test_an_executor_that_nobody_can_make_anew_is_told_of(tmp_path):
         k1607.sweep(mortal(str(tmp_path / "died"), os.getpid()), DRAWN, chunk=40, executor=pool)
 
 
+def test_a_task_that_kills_again_and_again_is_given_up():
+    with Workers(partial(ProcessPoolExecutor, 1, SPAWN)) as workers, pytest.raises(WorkersLostError, match="3 times"):
+        list(workers.results(os._exit, [(0, (1,))], None))
+
+
 # Stores
 
 
@@ -166,6 +174,46 @@ def test_ctrl_c_keeps_what_is_done(run, expected, tmp_path):
     told = []
     same(k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s", progress=lambda *x: told.append(x)), expected)
     assert told[0][0] == 20
+
+
+KILLED = """
+import os, signal, sys
+import k1607_pin as k1607
+from k1607_pin.report.cases import study_case
+
+study = study_case(1)
+drawn = k1607.Drawn({"payloads.0.payload.mass": k1607.Uniform(0.0, 9.0)}, 40)
+die = lambda done, *_: done >= 16 and os.kill(os.getpid(), signal.SIGKILL)
+k1607.sweep(study.rollouts(list(drawn.along)), drawn, study.q0, chunk=8, store=sys.argv[1], progress=die)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_a_sweep_that_is_killed_goes_on_in_another_process(tmp_path):
+    pytest.importorskip("zarr")
+    done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "s")], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    drawn = k1607.Drawn({"payloads.0.payload.mass": k1607.Uniform(0.0, 9.0)}, 40)
+    study, told = study_case(1), []
+    loop = study.rollouts(list(drawn.along))
+    again = k1607.sweep(loop, drawn, study.q0, chunk=8, store=tmp_path / "s", progress=lambda *x: told.append(x[0]))
+    assert told == [16, 24, 32, 40]
+    k1607.sweep(loop, drawn, study.q0, chunk=8, store=tmp_path / "whole")
+    assert of(tmp_path / "s") == of(tmp_path / "whole")
+    xr.testing.assert_identical(again, k1607.sweep(loop, drawn, study.q0))
+
+
+def test_memory_is_bounded_with_a_store(run, tmp_path):
+    pytest.importorskip("zarr")
+    drawn = k1607.Drawn(DRAWN.distributions, 60_000)
+    tracemalloc.start()
+    try:
+        found = k1607.sweep(run, drawn, chunk=1000, store=tmp_path / "s", ahead=4)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found.nbytes > 20e6
+    assert peak < found.nbytes / 3
 
 
 def test_another_sweep_s_store_is_refused(run, tmp_path):

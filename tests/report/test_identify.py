@@ -1,0 +1,178 @@
+"""The identification: candidates run as the study cases do, a known truth is approached, a stopped search goes on."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from k1607_pin import data
+from k1607_pin.report.candidates import Candidates, accepted, published_errors, worth
+from k1607_pin.report.cma import EvolutionStrategy
+from k1607_pin.report.determined import determined
+from k1607_pin.report.identification_figure import figure_identification
+from k1607_pin.report.identify import identify
+from k1607_pin.report.sensitivity import ratios
+from k1607_pin.report.starts import angles_of, rotation, start_of, starts, x_of_starts
+from k1607_pin.report.unknowns import LOWER, NAMES, UNKNOWNS, UPPER, from_steps, to_steps, values_of, with_values
+
+
+@pytest.fixture(scope="module")
+def committed():
+    return data.load("study_cases")["report"]
+
+
+@pytest.fixture(scope="module")
+def outcome(committed):
+    return Candidates(committed, threads=1)(values_of(committed)[None])
+
+
+def test_the_committed_set_is_worth_what_pinocchio_says(committed, outcome):
+    assert np.abs(outcome.ratios[0] / ratios(committed) - 1).max() < 1e-3
+    assert accepted(outcome, committed["choices"]["joint_limits"])[0]
+
+
+def test_the_physics_are_converged(committed, outcome):
+    finer = Candidates(committed, committed["choices"]["physics_step_s"] / 2, threads=1)(values_of(committed)[None])
+    assert np.abs(finer.ratios - outcome.ratios).max() < 0.01
+
+
+def test_worth_is_least_where_all_agree_and_grows_with_each_trouble(outcome):
+    ideal = outcome._replace(ratios=np.ones((1, 16)), words=0 * outcome.words, outside=np.zeros(1), alive=np.ones(1))
+    assert worth(ideal, True)[0] == 0.0
+    for trouble in (
+        {"ratios": np.r_[1.5, np.ones(15)][None]},
+        {"words": np.array([[1.2, 0.0, 0.0, 0.0]])},
+        {"outside": np.array([0.1])},
+    ):
+        assert worth(ideal._replace(**trouble), True)[0] > 0.0
+        assert not accepted(ideal._replace(**trouble), True)[0]
+    lost = ideal._replace(ratios=np.full((1, 16), np.nan))
+    late, early, never = (worth(lost._replace(alive=np.array([x])), True)[0] for x in (0.9, 0.3, -1.0))
+    assert worth(ideal._replace(ratios=np.full((1, 16), 3.0)), True)[0] < late < early < never
+
+
+def test_steps_and_values_are_each_others_inverse():
+    rng = np.random.default_rng(0)
+    values = from_steps(rng.uniform(to_steps(LOWER), to_steps(UPPER), (50, len(NAMES))))
+    assert np.allclose(from_steps(to_steps(values)), values)
+    assert (from_steps(to_steps(values) + 1e3) <= UPPER).all()
+    assert (from_steps(to_steps(values) - 1e3) >= LOWER).all()
+
+
+def test_values_go_into_the_table_and_come_out_again(committed):
+    values = values_of(committed) * 0.9
+    made = with_values(committed, values, np.zeros((2, 7)))
+    assert np.allclose(values_of(made), values)
+    assert values_of(committed)[0] == committed["gains"]["K_p_N_m"]  # untouched
+
+
+def test_angles_are_the_rotations():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        angles = rng.uniform([1, -179, -179], [179, 179, 179])
+        assert np.allclose(angles_of(rotation(*angles)), angles)
+
+
+def test_starts_hold_the_tool_where_it_is_wanted(committed):
+    arm = Candidates(committed).cases[1].plant.arm
+    known = np.deg2rad(committed["start"]["case1_deg"])
+    wanted = start_of(known) + np.random.default_rng(2).normal(size=(20, 6)) * [1.0, 4, 4, 4, 4, 4]
+    postures, found = starts(known, wanted)
+    assert found.sum() > 10
+    for (one, two), start in zip(postures[found], wanted[found], strict=True):
+        for q, x, theta_3 in zip((one, two), x_of_starts(), start[4:], strict=True):
+            tool = arm.forward_kinematics(q)
+            assert np.allclose(tool.translation, [x, 0.0, start[0] * 0.0254], atol=1e-8)
+            assert np.allclose(tool.rotation, rotation(*start[1:4]), atol=1e-8)
+            assert np.sin((q[2] - np.deg2rad(theta_3)) / 2) == pytest.approx(0, abs=1e-8)
+    assert not starts(known, wanted + 300.0 * np.eye(6)[0])[1].any()  # out of reach
+
+
+def test_a_start_out_of_reach_is_worth_least(committed):
+    values = np.tile(values_of(committed), (2, 1))
+    values[1, NAMES.index("z0")] = 60.0
+    value = worth(Candidates(committed, 0.0025, threads=1)(values), True)
+    assert value[1] > value[0] + 10
+
+
+def test_the_strategy_finds_a_bent_valley():
+    def rosenbrock(x):
+        return np.sum(100 * (x[:, 1:] - x[:, :-1] ** 2) ** 2 + (1 - x[:, :-1]) ** 2, axis=1)
+
+    strategy = EvolutionStrategy(np.zeros(5), 0.3, np.random.default_rng(0), 16)
+    for _ in range(400):
+        x = strategy.ask()
+        strategy.tell(x, rosenbrock(x))
+    assert np.abs(strategy.mean - 1).max() < 1e-3
+
+
+@pytest.fixture(scope="module")
+def truth(committed):
+    """A set of our own, the numbers it would have published, and a start beside it."""
+    start = copy.deepcopy(committed)
+    start["gains"]["K_p_N_m"] *= 1.2
+    start["gains"]["K_d_N_s_m"] *= 0.8
+    start["gains"]["beta_2"] *= 1.3
+    candidates = Candidates(committed, 0.0025, threads=1)
+    numbers = candidates(values_of(committed)[None]).ratios[0] * published_errors()
+    return start, numbers
+
+
+def test_a_known_truth_is_approached_and_a_search_goes_on(truth, tmp_path):
+    start, numbers = truth
+    limits = start["choices"]["joint_limits"]
+    first = Candidates(start, 0.0025, numbers, threads=1)(values_of(start)[None])
+    told = []
+
+    def search(budget, out):
+        return identify(budget, 3, start, limits, out, numbers, threads=1, progress=lambda *x: told.append(x))
+
+    found, whole = search(1000, tmp_path / "a.json")
+    last = Candidates(found, 0.0025, numbers, threads=1)(values_of(found)[None])
+    assert whole.best.worth < 0.6 * worth(first, limits)[0]
+    assert np.abs(np.log(last.ratios)).mean() < 0.6 * np.abs(np.log(first.ratios)).mean()
+    assert worth(last, limits)[0] == pytest.approx(whole.best.worth, rel=0.01)
+    assert whole.rollouts == told[-1][0] <= 1000
+    assert np.all(np.diff([best for _, best in told]) <= 0)
+    kept = json.loads((tmp_path / "a.json").read_text())
+    kept["expeditions"].pop()
+    (tmp_path / "b.json").write_text(json.dumps(kept))
+    _, again = search(1000, tmp_path / "b.json")
+    assert again == whole
+    with pytest.raises(ValueError, match="another search"):
+        identify(1000, 4, start, limits, tmp_path / "a.json", numbers)
+
+
+def test_how_far_each_may_go_contains_the_set_and_holds(committed):
+    limits = committed["choices"]["joint_limits"]
+    ranges = determined(committed, threads=1)
+    values = values_of(committed)
+    assert (ranges.lower <= values).all()
+    assert (ranges.upper >= values).all()
+    ends = np.array(
+        [np.where(np.arange(len(values)) == k, end[k], values) for end in ranges[:2] for k in range(len(values))]
+    )
+    assert accepted(Candidates(committed, threads=1)(ends), limits).all()
+    for one, other, correlation in ranges.pairs:
+        assert one in NAMES
+        assert other in NAMES
+        assert 0.8 < abs(correlation) <= 1
+    figure = figure_identification(committed, ratios(committed), ranges)
+    texts = [label.get_text() for axes in figure.axes for label in axes.get_yticklabels()]
+    assert all(any(text.startswith(one.name) for text in texts) for one in UNKNOWNS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"), [({"budget": 0}, "budget"), ({"seed": -1}, "seed"), ({"budget": 1.5}, "budget")]
+)
+def test_what_makes_no_sense_is_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        identify(**arguments)
+
+
+def test_a_file_that_is_no_search_is_refused(tmp_path):
+    file = tmp_path / "x.json"
+    file.write_text("[1, 2]")
+    with pytest.raises(ValueError, match="not of a search"):
+        identify(100, out=file)
