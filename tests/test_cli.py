@@ -20,7 +20,7 @@ from k1607_pin.report.comparison_figures import table
 from k1607_pin.report.rows import loaded
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("urdf", "equations", "reproduce", "simulate", "compare", "sweep", "drift", "export", "view")
+COMMANDS = ("urdf", "equations", "reproduce", "simulate", "compare", "sweep", "drift", "export", "doctor", "view")
 
 
 def k1607(*arguments: str, **options) -> subprocess.CompletedProcess:

@@ -333,6 +333,36 @@ def _finite(x: object) -> object:
 
 
 @app.command()
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Tell what compiled rollouts find on this machine, how fast they are, and why they are slow if they are.
+
+    Example: k1607 doctor
+    """
+    from k1607_pin.compiled.doctor import diagnose
+
+    found = diagnose()
+    if as_json:
+        print(json.dumps(asdict(found), indent=2))
+        return
+    table = Table(title="Compiled rollouts on this machine", show_header=False)
+    for name, text in (
+        ("versions", ", ".join(f"{name} {number}" for name, number in found.versions.items())),
+        ("processor", f"{found.cpu}, {found.processors} to be used"),
+        ("instructions", f"{found.instructions}, {found.lanes} rollouts side by side"),
+        ("compiler", found.compiler),
+        ("cache", f"{found.cache}, {found.cache_bytes / 1e6:.1f} MB{'' if found.cache_writable else ', not writable'}"),
+        ("environment", ", ".join(f"{name}={x}" for name, x in found.environment.items()) or "nothing set"),
+        ("agrees with simulate", f"to {found.apart:.0e}"),
+        ("physics step", f"{found.step * 1e9:.0f} ns a rollout on one core, K-1607, Cartesian scheme"),
+        ("verdict", "; ".join(found.verdict) or "as it should be"),
+    ):
+        table.add_row(name, text)
+    console.print(table)
+
+
+@app.command()
 def sweep(
     case: Annotated[int, typer.Argument(help="1, the straight line, or 2, the circle.")] = 1,
     vary: Annotated[
@@ -423,18 +453,20 @@ def identify(
     anywhere: Annotated[
         bool, typer.Option("--anywhere", help="Begin at drawn postures; from the committed set when left out.")
     ] = False,
-    limits: Annotated[bool, typer.Option(help="Keep to the assumed joint limits.")] = True,
+    limits: Annotated[
+        bool | None, typer.Option(help="Keep to the assumed joint limits; as the committed set when left out.")
+    ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="One a processor when left out.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the set and its ratios as JSON.")] = False,
 ) -> None:
     """Search for what the report does not say of study cases 1 and 2: gains, posture, friction and so on, by its 16 errors.
 
-    Stopped with Ctrl-C and called again, it goes on with the expedition that it was at.
+    Stopped with Ctrl-C and called again, it goes on with the expedition that it was at; with a larger budget it goes further.
 
     \b
     Examples:
         k1607 identify --budget 20000
-        k1607 identify --anywhere --no-limits --seed 1 --out free.json
+        k1607 identify --anywhere --limits --seed 1 --out within.json
     """
     from k1607_pin import data
     from k1607_pin.report.identify import identify as run

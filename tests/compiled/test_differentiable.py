@@ -1,5 +1,8 @@
 """Rollouts with derivatives: the numbers of `simulate`, and the derivatives of its finite differences."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -54,11 +57,20 @@ def test_values_and_derivatives_are_simulate_s(arm, law, q0, case):
     assert np.sum(weights * forward) == pytest.approx(np.sum(weights * differences), rel=1e-5)
 
 
-def test_a_start_that_cannot_be_differentiated_is_refused(arm, law, q0):
-    class Hidden:
-        def __init__(self, law):
-            self.start, self.update = law.start, law.update
+@dataclass(frozen=True)
+class Hidden:
+    """A law whose ``initial`` nobody sees."""
 
+    law: Any
+
+    def start(self, q, v, duration):
+        return self.law.start(q, v, duration)
+
+    def update(self, t, q, v, state):
+        return self.law.update(t, q, v, state)
+
+
+def test_a_start_that_cannot_be_differentiated_is_refused(arm, law, q0):
     run = k1607.rollouts(arm, Hidden(law), 0.1, metrics={}, log=("tau",))
     with pytest.raises(ValueError, match="expected one with `initial`"):
         differentiable(run, q0, np.zeros(7))

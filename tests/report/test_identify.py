@@ -5,8 +5,10 @@ import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from k1607_pin import data
+from k1607_pin.cli import app
 from k1607_pin.report.candidates import Candidates, accepted, published_errors, worth
 from k1607_pin.report.cma import EvolutionStrategy
 from k1607_pin.report.determined import determined
@@ -111,37 +113,38 @@ def test_the_strategy_finds_a_bent_valley():
 def truth(committed):
     """A set of our own, the numbers it would have published, and a start beside it."""
     start = copy.deepcopy(committed)
-    start["gains"]["K_p_N_m"] *= 1.2
-    start["gains"]["K_d_N_s_m"] *= 0.8
+    start["gains"]["K_d_N_s_m"] *= 0.6
     start["gains"]["beta_2"] *= 1.3
     candidates = Candidates(committed, 0.0025, threads=1)
     numbers = candidates(values_of(committed)[None]).ratios[0] * published_errors()
     return start, numbers
 
 
-def test_a_known_truth_is_approached_and_a_search_goes_on(truth, tmp_path):
+def test_a_known_truth_is_approached(truth):
     start, numbers = truth
-    limits = start["choices"]["joint_limits"]
-    first = Candidates(start, 0.0025, numbers, threads=1)(values_of(start)[None])
-    told = []
-
-    def search(budget, out):
-        return identify(budget, 3, start, limits, out, numbers, threads=1, progress=lambda *x: told.append(x))
-
-    found, whole = search(1000, tmp_path / "a.json")
-    last = Candidates(found, 0.0025, numbers, threads=1)(values_of(found)[None])
-    assert whole.best.worth < 0.6 * worth(first, limits)[0]
-    assert np.abs(np.log(last.ratios)).mean() < 0.6 * np.abs(np.log(first.ratios)).mean()
-    assert worth(last, limits)[0] == pytest.approx(whole.best.worth, rel=0.01)
-    assert whole.rollouts == told[-1][0] <= 1000
+    limits, told = start["choices"]["joint_limits"], []
+    found, search = identify(1000, 3, start, limits, None, numbers, 1, lambda *x: told.append(x))
+    first, last = (Candidates(x, 0.0025, numbers, threads=1)(values_of(x)[None]) for x in (start, found))
+    assert search.best.worth < 0.7 * worth(first, limits)[0]
+    assert np.abs(np.log(last.ratios)).mean() < 0.7 * np.abs(np.log(first.ratios)).mean()
+    assert worth(last, limits)[0] == pytest.approx(search.best.worth, rel=0.01)
+    assert search.rollouts == told[-1][0] <= 1000
     assert np.all(np.diff([best for _, best in told]) <= 0)
-    kept = json.loads((tmp_path / "a.json").read_text())
-    kept["expeditions"].pop()
-    (tmp_path / "b.json").write_text(json.dumps(kept))
-    _, again = search(1000, tmp_path / "b.json")
+
+
+def test_a_search_goes_on_where_it_was_stopped(truth, tmp_path, monkeypatch):
+    monkeypatch.setattr("k1607_pin.report.identify.LONG", 32)
+    start, numbers = truth
+    limits, file = start["choices"]["joint_limits"], tmp_path / "search.json"
+    _, whole = identify(200, 3, start, limits, file, numbers, 1)
+    assert [one.firm for one in whole.expeditions] == [False, False, True]
+    stopped = json.loads(file.read_text())
+    del stopped["expeditions"][1:]
+    file.write_text(json.dumps(stopped))
+    _, again = identify(200, 3, start, limits, file, numbers, 1)
     assert again == whole
     with pytest.raises(ValueError, match="another search"):
-        identify(1000, 4, start, limits, tmp_path / "a.json", numbers)
+        identify(200, 4, start, limits, file, numbers)
 
 
 def test_how_far_each_may_go_contains_the_set_and_holds(committed):
@@ -161,6 +164,17 @@ def test_how_far_each_may_go_contains_the_set_and_holds(committed):
     figure = figure_identification(committed, ratios(committed), ranges)
     texts = [label.get_text() for axes in figure.axes for label in axes.get_yticklabels()]
     assert all(any(text.startswith(one.name) for text in texts) for one in UNKNOWNS)
+
+
+def test_the_command_tells_set_and_ratios(tmp_path, monkeypatch, committed):
+    monkeypatch.chdir(tmp_path)
+    ran = CliRunner().invoke(app, ["identify", "--budget", "64", "--threads", "1", "--json"])
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert told["rollouts"] == 64
+    assert np.abs(np.array(told["ratios"]) - 1).max() <= 0.25  # no worse than the committed set, where it begins
+    assert set(told["report"]) == set(committed)
+    assert (tmp_path / "identified.json").exists()
 
 
 @pytest.mark.parametrize(

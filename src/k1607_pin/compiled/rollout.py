@@ -221,19 +221,23 @@ class Rollouts:
         seeds = np.zeros((blocks, len(self.loop.law_tables.noise), W), dtype=np.int64)
         for k, (name, _, _) in enumerate(self.loop.law_tables.noise):
             seeds[:, k] = in_lanes([rows_of(values[name], count)], blocks, W)[:, 0]
-        rows = self.samples // self.every + 1 if self.logged else 0
+        plan = self.plan()
         results = np.empty((blocks, 2 * n + len(self.loop.reducers) + REST, W))
-        log = np.empty((blocks, rows, sum(int(np.prod(shape)) for _, shape in self.loop.logged), W))
-        plan = Plan(
-            self.samples, self.substeps, self.every, rows, self.period, self.setup.physics_step, RUNAWAY,
-            self._law_shared, self._physics_shared, self._weights, self._change,
-        )  # fmt: skip
+        log = np.empty((blocks, plan.rows, sum(int(np.prod(shape)) for _, shape in self.loop.logged), W))
         self._in_threads(plan, (inputs, seeds, results, log), threads, progress)
         found = dataset(
             self.loop, self.setup.plant.arm, variables_of(self.setup.controller), by_rollout(results, count),
             by_rollout(log, count), self.every * self.period,
         )  # fmt: skip
         return found.assign_attrs(engine=str(self.engine))
+
+    def plan(self) -> Plan:
+        """What all rollouts share."""
+        rows = self.samples // self.every + 1 if self.logged else 0
+        return Plan(
+            self.samples, self.substeps, self.every, rows, self.period, self.setup.physics_step, RUNAWAY,
+            self._law_shared, self._physics_shared, self._weights, self._change,
+        )  # fmt: skip
 
     def _in_threads(self, plan: Plan, arrays: tuple[np.ndarray, ...], threads: int | None, progress: Any) -> None:
         blocks = len(arrays[0])

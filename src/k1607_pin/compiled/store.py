@@ -118,7 +118,8 @@ class InStore:
     def opened(self) -> xr.Dataset:
         """What is there, read when it is looked at."""
         found = xr.open_dataset(self._store, engine="zarr", consolidated=False)
-        return found[[name for name in self.arrays if name in found.data_vars]]  # zarr knows no order
+        results = {name: found[name] for name in self.arrays if name in found.data_vars}
+        return found.drop_vars(list(results)).assign(results)  # zarr knows no order
 
 
 def _create(group: Any, variables: Mapping[str, Variable], cut: Cut) -> None:

@@ -1,38 +1,25 @@
 """Which assumption each of the study cases' 16 numbers hangs on: one changed at a time.
 
-Run: python -m k1607_pin.report.sensitivity        (some 40 runs, half a minute; prints the table of docs/study_cases.md)
+Run: python -m k1607_pin.report.sensitivity        (some 80 rollouts; prints the table of docs/study_cases.md)
 """
 
-import copy
 from typing import Any
 
 import numpy as np
 
 from k1607_pin import data
 from k1607_pin.description.units import INCH
+from k1607_pin.report.candidates import Candidates
 from k1607_pin.report.cases import as_published
 from k1607_pin.report.published_cases import ERRORS, statistic
+from k1607_pin.report.unknowns import DURATION, NAMES, UNKNOWNS, values_of
 from k1607_pin.simulation.simulate import SimulationError
 
 SHARE = 0.2  # by which a number is changed, up and down
 SHIFT = 4.0  # in or degrees, of heights and angles, whose size says nothing
-CHANGED = {
-    "K_p": ("gains", "K_p_N_m"),
-    "K_p z": ("gains", "K_p_z_N_m"),
-    "K_p rot": ("gains", "K_p_N_m_rad"),
-    "K_d": ("gains", "K_d_N_s_m"),
-    "K_d z": ("gains", "K_d_z_N_s_m"),
-    "K_d rot": ("gains", "K_d_N_m_s_rad"),
-    "beta_1": ("gains", "beta_1"),
-    "beta_2": ("gains", "beta_2"),
-    "armature": ("plant", "armature_scale"),
-    "friction": ("plant", "viscous_N_m_s"),
-    "duration": ("line", "duration_s"),
-    "z0": ("start", "z0_in"),
-    "elevation": ("start", "elevation_deg"),
-    "azimuth": ("start", "azimuth_deg"),
-}
-"""Name -> where it stands in the table "report" of `study_cases.toml`."""
+
+HEADER = [f"{axis} {key.split('_error')[0].replace('_', ' ')}" for key in ERRORS for axis in "xy"]
+"""Of the numbers of one case."""
 
 
 def ratios(choice: dict[str, Any], payload: float | None = None) -> np.ndarray:
@@ -53,22 +40,23 @@ def ratios(choice: dict[str, Any], payload: float | None = None) -> np.ndarray:
 def table() -> dict[str, np.ndarray]:
     """Name -> (16,) ratios: "as chosen", "no payload", and each assumption lowered ("-") and raised ("+")."""
     chosen = data.load("study_cases")["report"]
-    rows = {"as chosen": ratios(chosen), "no payload": ratios(chosen, 0.0)}
-    for name, (group, key) in CHANGED.items():
+    here, changed = values_of(chosen), {}
+    for k, one in enumerate(UNKNOWNS):
         for sign, symbol in ((-1, "-"), (1, "+")):
-            changed = copy.deepcopy(chosen)
-            value = changed[group][key]
-            step = sign * (SHIFT if group == "start" else SHARE * value)
-            if step:
-                changed[group][key] = value + step
-                rows[f"{name} {symbol}"] = ratios(changed)
-    return rows
+            values = here.copy()
+            values[k] += sign * (SHARE * here[k] if one.log else SHIFT)
+            if one.lower <= values[k] <= one.upper:
+                changed[f"{one.name} {symbol}"] = values
+    values = np.array([here, *changed.values()])
+    values[:, DURATION] = np.round(values[:, DURATION])
+    found = Candidates(chosen)(values).ratios
+    return {"as chosen": found[0], "no payload": ratios(chosen, 0.0)} | dict(zip(changed, found[1:], strict=True))
 
 
 def rests_on(rows: dict[str, np.ndarray], move: float = 0.1) -> list[str]:
     """(16,) the assumptions that move each number by more than ``move`` of itself, strongest first, and what loses the run."""
     base, moves = rows["as chosen"], {}
-    for name in CHANGED:
+    for name in NAMES:
         changes = [np.abs(np.log(rows[f"{name} {s}"] / base)) for s in "-+" if f"{name} {s}" in rows]
         moves[name] = np.max([np.nan_to_num(change) for change in changes], axis=0) if changes else 0 * base
     out = []
@@ -81,9 +69,8 @@ def rests_on(rows: dict[str, np.ndarray], move: float = 0.1) -> list[str]:
 
 if __name__ == "__main__":
     rows = table()
-    header = [f"{axis} {key.split('_error')[0].replace('_', ' ')}" for key in ERRORS for axis in "xy"]
     for case in (1, 2):
-        print(f"\nCase {case}\n\n| | {' | '.join(header)} |\n{'|---' * (len(header) + 1)}|")
+        print(f"\nCase {case}\n\n| | {' | '.join(HEADER)} |\n{'|---' * (len(HEADER) + 1)}|")
         for name, row in rows.items():
             cells = ["lost" if np.isnan(x) else f"{x:.2f}" for x in row[8 * (case - 1) : 8 * case]]
             print(f"| {name} | " + " | ".join(cells) + " |")
