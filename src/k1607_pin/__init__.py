@@ -17,6 +17,7 @@ from k1607_pin.compiled.rollout import rollout, rollouts
 from k1607_pin.compiled.samples import Drawn, Grid, Integers, Listed, LogUniform, Normal, Scaled, Uniform
 from k1607_pin.compiled.sweep import sweep
 from k1607_pin.compiled.tracer import TracingError
+from k1607_pin.compiled.tune import Tuned, tune
 from k1607_pin.control.cartesian import CartesianAdaptive
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
 from k1607_pin.simulation.plant import Plant
@@ -37,6 +38,7 @@ __all__ = [
     "Scaled",
     "SimulationError",
     "TracingError",
+    "Tuned",
     "Uniform",
     "Wrench",
     "batch",
@@ -53,6 +55,7 @@ __all__ = [
     "rollouts",
     "simulate",
     "sweep",
+    "tune",
     "with_payload",
 ]
 __version__ = "0.1.0"

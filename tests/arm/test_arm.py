@@ -486,3 +486,12 @@ class TestBadArguments:
         np.testing.assert_allclose(T.rotation @ T.rotation.T, np.eye(3), rtol=0, atol=1e-12)
         assert np.isfinite(arm.mass_matrix(q)).all()
         np.testing.assert_array_equal(arm.forward_kinematics(q[None])[0], T.homogeneous)
+
+
+def test_limits_that_contradict_are_refused():
+    model = k1607.load_k1607().model
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    lower[2], upper[2] = upper[2], lower[2]
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    with pytest.raises(ValueError, match=r"joint3.*expected a lower limit below the upper one"):
+        k1607.Arm(model, "tool")

@@ -65,6 +65,23 @@ def test_unknown_instructions_are_refused(fresh, monkeypatch):
         build.instructions()
 
 
+def test_the_ziglang_package_will_do(fresh, monkeypatch, tmp_path):
+    """A stand-in that hands over to the compiler that there is: the package itself is some hundred megabytes."""
+    (package := tmp_path / "found" / "ziglang").mkdir(parents=True)
+    (package / "__init__.py").touch()
+    real = build.compiler().command[0]
+    (package / "__main__.py").write_text(
+        "import subprocess, sys\nassert sys.argv[1] == 'cc'\n"
+        f"raise SystemExit(subprocess.run([{real!r}, *sys.argv[2:]]).returncode)\n"
+    )
+    monkeypatch.syspath_prepend(package.parent)
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    monkeypatch.setattr(build.shutil, "which", lambda name: None)
+    build.compiler.cache_clear()
+    made = build.compiler()
+    assert made.command[:4] == (sys.executable, "-m", "ziglang", "cc")
+
+
 def test_built_once(arm, law, q0, fresh):
     k1607.rollout(arm, law, q0, 0.05)
     before = {file: file.stat().st_mtime_ns for file in fresh.iterdir()}

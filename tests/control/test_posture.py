@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from k1607_pin.compiled.trace import trace
-from k1607_pin.control.posture import along, hold, posture_torque
+from k1607_pin.control.posture import along, damp, hold, posture_torque
 
 
 def states(arm, count=20):
@@ -41,7 +41,32 @@ def test_floats_and_symbols_agree(reference):
     traced = trace(posture_torque, "posture", [(7, 7), (6, 7), (7,), (7,), (7,), (7,), ()])
     found = np.array(traced(*(np.ravel(x) for x in (M, J, q, v, wanted, v, 2.0)))).ravel()
     expected = posture_torque(M, J, q, v, wanted, v, 2.0)
-    assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_the_null_space_gets_its_part_of_the_wish_and_the_tool_none(reference):
+    """M^-1 tau = N (omega^2 e + damping e'), N = I - J_bar J: both errors count, and each with its own factor."""
+    for q, v, wanted in states(reference):
+        M, J, v_wanted = reference.mass_matrix(q), reference.jacobian(q), np.linspace(-1, 1, 7)
+        J_bar = np.linalg.solve(M, J.T) @ np.linalg.inv(J @ np.linalg.solve(M, J.T))
+        for omega, damping, used in ((3.0, None, 6.0), (3.0, 1.5, 1.5), (0.0, 4.0, 4.0)):
+            wish = omega**2 * (wanted - q) + used * (v_wanted - v)
+            a = np.linalg.solve(M, posture_torque(M, J, q, v, wanted, v_wanted, omega, damping))
+            expected = (np.eye(7) - J_bar @ J) @ wish
+            assert np.abs(a - expected).max() < 1e-6 * np.abs(wish).max()  # `LEAST` and the condition
+            assert np.abs(J @ a).max() < 1e-6 * np.abs(wish).max()
+
+
+def test_damping_alone_brings_to_rest_and_draws_nowhere(reference):
+    still = damp(7, 4.0)
+    q, v, _ = states(reference)[0]
+    M, J = reference.mass_matrix(q), reference.jacobian(q)
+    assert not posture_torque(M, J, q, np.zeros(7), *still.path(0.3), *still[1:]).any()
+    a = np.linalg.solve(M, posture_torque(M, J, q, v, *still.path(0.3), *still[1:]))
+    null = np.linalg.svd(J)[2][6]  # the direction in which the tool rests
+    assert a @ M @ null == pytest.approx(-4.0 * (v @ M @ null), rel=1e-6)
+    with pytest.raises(ValueError, match="omega: expected a positive number"):
+        damp(7, 0.0)
 
 
 def test_postures_along_a_path_are_met_at_their_times_and_at_rest_at_the_ends():

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import k1607_pin as k1607
 from k1607_pin.arm.bodies import bodies
 from k1607_pin.compiled.trace import trace
-from k1607_pin.dynamics.operational_space import _solve, operational_space, operational_space_of_bodies
+from k1607_pin.dynamics.linear import solve_definite
+from k1607_pin.dynamics.operational_space import operational_space, operational_space_of_bodies
 from k1607_pin.kinematics.differential import Damping, SingularJacobianError, nullspace_projector
 
 ARMS = {
@@ -190,7 +191,7 @@ def test_a_matrix_that_rounding_left_short_of_definite_is_solved_all_the_same():
     A = Q * np.array([1, 1, 1, 1, 1, -1e-10]) @ Q.T
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.cholesky(A)
-    assert np.array_equal(_solve(A, B), np.linalg.solve(A, B))
+    assert np.array_equal(solve_definite(A, B), np.linalg.solve(A, B))
 
 
 def test_what_was_handed_out_stays(arm):

@@ -13,7 +13,7 @@ from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.baselines import OperationalSpaceControl
 from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
 from k1607_pin.control.hybrid import HybridAdaptive, Mode, hybrid_gains
-from k1607_pin.control.posture import Posture
+from k1607_pin.control.posture import Posture, damp, hold
 from k1607_pin.control.practice import Practice
 from k1607_pin.control.reference_model import reference_model
 from k1607_pin.description.units import INCH, POUND
@@ -226,3 +226,21 @@ def test_a_controller_is_only_run_at_its_own_period():
     )
     with pytest.raises(ValueError, match=r"control_period: expected the controller's own period, 0\.002 s"):
         simulate(arm, law, POSTURE, 1.0, control_period=0.01)
+
+
+def test_the_transposed_jacobian_alone_leaves_the_seventh_joint_free_to_drift():
+    """The same line, weightless: the tool follows in both, and only with damping in the null space does the elbow rest."""
+    arm = k1607.load_k1607(gravity=(0, 0, 0))
+    start = arm.forward_kinematics(POSTURE)
+    gains = gains_from_inertia(arm, POSTURE, 20.0)
+    law = CartesianAdaptive(arm, Line(start.translation), start.rotation, gains, MODEL, 0.0, 0.0, 0.01)
+    speed = {}
+    for name, posture in (("free", None), ("damped", damp(7, 5.0)), ("held", hold(POSTURE, 5.0))):
+        log = simulate(arm, replace(law, posture=posture), POSTURE, 6.0)
+        J = arm.jacobian(log.q.values[-1])
+        null = np.linalg.svd(J)[2][6]
+        speed[name] = abs(null @ log.v.values[-1])
+        assert np.linalg.norm(position_error(log)[-1]) < 1e-3
+    assert speed["free"] > 0.1  # rad/s, six seconds on, with the tool at rest
+    assert speed["damped"] < 0.1 * speed["free"]
+    assert speed["held"] < 0.1 * speed["free"]

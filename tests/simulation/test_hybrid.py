@@ -337,3 +337,62 @@ def test_switching_makes_no_jump_and_lands_softly():
     assert np.abs(np.diff(x_after)).max() < 2e-5
     # held by position again, where the path is: the push that the mode before left behind has faded
     assert np.abs(log.error.values[-1] - log.error.values[499]).max() < 1e-4
+
+
+def test_both_loops_rest_while_the_motors_are_at_their_limits():
+    arm = k1607_arm()
+    _, wall, q0 = made = setup(arm, K1607_POSTURE, 1e4)
+    free = np.abs(made.run(0.6).tau.values)
+    limit = np.maximum(
+        0.8 * free.max(axis=0), 1.05 * np.median(free, axis=0) + 0.1
+    )  # less than the jolts, more than it rests with
+    low = replace(made.law, practice=replace(made.law.practice, torque_limit=limit))
+    log = Setup(low, wall, q0).run(0.6)
+    limited = log.torque_share.values < 1
+    assert limited.any()
+    assert not limited.all()
+    changed = {
+        name: np.abs(np.diff(log[name].values, axis=0)).max(axis=(1, 2)) > 0
+        for name in ("K_p", "K_d", "force_K_p", "force_K_d")
+    }
+    for name, moves in changed.items():
+        assert not moves[limited[:-1]].any(), name
+        assert moves[~limited[:-1]].any(), name
+
+
+def test_the_velocity_is_filtered_in_the_hybrid_scheme_too():
+    arm = k1607_arm()
+    law, _, q0 = setup(arm, K1607_POSTURE, 1e4)
+    cutoff = 1.0 / PERIOD  # cT = 1: an exponential, and not its first term
+    slow = replace(law, practice=replace(law.practice, velocity_cutoff=cutoff))
+    v, still = np.linspace(-0.1, 0.1, 7), np.zeros(7)
+    state = slow.initial(q0, still)
+    torque, after, _ = slow.update(0.0, q0, v, state)
+    seen = (1 - np.exp(-1.0)) * v
+    np.testing.assert_allclose(after.velocity, seen, rtol=1e-12)
+    np.testing.assert_allclose(torque, law.update(0.0, q0, seen, law.initial(q0, seen))[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"stiffness": -1e4}, "stiffness: expected one or"),
+        ({"stiffness": np.full(3, 1e4)}, "stiffness: expected one or"),
+        ({"omega": -60.0}, "omega: expected a positive number"),
+        ({"force_omega": 0.0}, "force_omega: expected a positive number"),
+        ({"force_damping": -0.1}, "force_damping: expected a number >= 0"),
+        ({"compliance": 2 * np.eye(3)}, r"compliance: expected a .* rotation"),
+    ],
+)
+def test_initial_gains_refuse(change, said):
+    with pytest.raises(ValueError, match=said):
+        hybrid_gains(
+            **{"arm": k1607_arm(), "q": K1607_POSTURE, "stiffness": 1e4, "omega": 60.0, "force_omega": 200.0} | change
+        )
+
+
+def test_force_gains_that_push_away_from_the_wanted_force_are_refused():
+    law = setup(k1607_arm(), K1607_POSTURE, 1e4).law
+    away = law.force_gains._replace(K_p=-2 * np.eye(6))
+    with pytest.raises(ValueError, match=r"force_gains: expected .* positive definite"):
+        replace(law, force_gains=away, force_practice=Practice())

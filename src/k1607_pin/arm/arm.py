@@ -320,6 +320,12 @@ def _require_serial(model: pin.Model) -> None:
     """Refuse what this package's formulas do not hold for."""
     if model.nv == 0:
         raise ValueError(f"{model.name!r}: no movable joint")
+    if (wrong := model.lowerPositionLimit > model.upperPositionLimit).any():
+        i = int(np.argmax(wrong))
+        raise ValueError(
+            f"{model.name!r}, joint {model.names[i + 1]!r}: expected a lower limit below the upper one, got "
+            f"{model.lowerPositionLimit[i]:g} and {model.upperPositionLimit[i]:g}"
+        )
     for i in range(1, model.njoints):
         if model.joints[i].nq != 1 or model.joints[i].nv != 1:
             raise ValueError(

@@ -85,7 +85,7 @@ def diagnose() -> Diagnosis:
         cpu=_cpu(),
         processors=processors(),
         instructions=kind,
-        compiler=f"{' '.join(made.command[:1])}: {made.version}" if made else "none",
+        compiler=f"{made.command[0]}: {made.version}" if made else "none",
         lanes=made.lanes if made else 1,
         cache=str(folder),
         cache_bytes=sum(file.stat().st_size for file in built),

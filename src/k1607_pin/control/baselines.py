@@ -130,7 +130,7 @@ class OperationalSpaceControl:
         force = np.linalg.solve(mobility, wish - arm.jacobian_time_variation(q, v) @ v)
         torque = J.T @ force + arm.bias_torque(q, v)
         if self.posture:
-            torque = torque + posture_torque(M, J, q, v, *self.posture.path(t), self.posture.omega)
+            torque = torque + posture_torque(M, J, q, v, *self.posture.path(t), *self.posture[1:])
         return torque, None, pose.errors(error, error_rate, wanted)
 
 

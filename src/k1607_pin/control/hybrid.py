@@ -112,12 +112,7 @@ class HybridAdaptive:
         force_gains = named("force", checked_scheme, *force)
         object.__setattr__(self, "gains", gains)
         object.__setattr__(self, "force_gains", force_gains)
-        stiffness = np.array(self.stiffness, dtype=float)
-        if stiffness.shape not in ((), (6,)) or not ((stiffness > 0) & np.isfinite(stiffness)).all():
-            raise ValueError(
-                f"stiffness: expected one or (6,) positive numbers in N/m, N m/rad, got {self.stiffness!r}"
-            )
-        object.__setattr__(self, "stiffness", np.broadcast_to(stiffness, (6,)).copy())
+        object.__setattr__(self, "stiffness", _checked_stiffness(self.stiffness))
         if not 0 < self.transition < np.inf:
             raise ValueError(f"transition: expected a positive time in s, got {self.transition!r}")
         for name, value, shapes in (("force_integral", self.force_integral, ((),)), ("touch", self.touch, ((), (6,)))):
@@ -127,6 +122,12 @@ class HybridAdaptive:
         object.__setattr__(self, "modes", checked_modes(self.modes))
         self.practice.check(self.arm.n, 6, gains)
         named("force", self.force_practice.check, self.arm.n, 6, per_stiffness(force_gains, self.stiffness))
+        closing = per_stiffness(force_gains, self.stiffness).K_p
+        if not np.linalg.eigvalsh((closing + closing.T) / 2)[0] > 0:
+            raise ValueError(
+                "force_gains: expected K^-1 (1 + K_p) with a positive definite symmetric part, K the stiffness; else the loop "
+                f"pushes away from the wanted force; got K_p =\n{force_gains.K_p}"
+            )
         # Adaptation rests in both loops when the motors are at their limits.
         object.__setattr__(
             self, "force_practice", replace(self.force_practice, torque_limit=self.practice.torque_limit)
@@ -244,11 +245,36 @@ def hybrid_gains(
     ----------
     q : (n,) rad; stiffness : N/m, N m/rad, one number or (6,), compliance axes; compliance : (3, 3), None for the base's axes.
         On a contact softer by s the force loop's omega falls with the root of s, and its damping rises so.
+
+    Raises
+    ------
+    ValueError
+        A stiffness or an omega that is not positive, a damping that is negative, a compliance that is no rotation.
     """
+    stiffness = _checked_stiffness(stiffness)
+    for name, value in (("omega", omega), ("force_omega", force_omega)):
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name}: expected a positive number in 1/s, got {value!r}")
+    for name, value in (("damping", damping), ("force_damping", force_damping)):
+        if not 0 <= value < np.inf:
+            raise ValueError(f"{name}: expected a number >= 0, got {value!r}")
+    if compliance is not None:
+        compliance = checked_rotation("compliance", compliance)
     C = np.kron(np.eye(2), np.eye(3) if compliance is None else compliance)
     Lambda = C.T @ arm.operational_space(q, np.zeros(arm.n)).Lambda @ C
-    Lambda_K = Lambda / np.broadcast_to(stiffness, (6,))  # (6, 6) Lambda K^-1, s^2
+    Lambda_K = Lambda / stiffness  # (6, 6) Lambda K^-1, s^2
     return (
         Gains(omega**2 * Lambda, 2 * damping * omega * Lambda),
         Gains(force_omega**2 * Lambda_K - np.eye(6), 2 * force_damping * force_omega * Lambda_K),
     )
+
+
+def _checked_stiffness(stiffness: Any) -> np.ndarray:
+    """(6,) positive numbers, from one or six."""
+    try:
+        x = np.array(stiffness, dtype=float)
+    except (TypeError, ValueError):
+        x = np.empty(0)
+    if x.shape not in ((), (6,)) or not ((x > 0) & np.isfinite(x)).all():
+        raise ValueError(f"stiffness: expected one or (6,) positive numbers in N/m, N m/rad, got {stiffness!r}")
+    return np.broadcast_to(x, (6,)).copy()

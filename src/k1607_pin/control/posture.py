@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from k1607_pin.dynamics.linear import solve_definite
+
 
 class Posture(NamedTuple):
     """Postures to keep to as far as the tool's task allows; see `hold` and `along`."""
@@ -13,7 +15,9 @@ class Posture(NamedTuple):
     path: Callable[[float], tuple[np.ndarray, np.ndarray]]
     """Time [s] -> wanted joint angles (n,) rad and velocities (n,) rad/s"""
     omega: float
-    """1/s, of the critically damped approach; well below 2 / T for torques held a period T"""
+    """1/s, of the approach; well below 2 / T for torques held a period T"""
+    damping: float | None = None
+    """1/s, by which velocities other than the wanted ones are slowed; None for critical damping, 2 omega"""
 
 
 def hold(q: np.ndarray, omega: float) -> Posture:
@@ -23,6 +27,12 @@ def hold(q: np.ndarray, omega: float) -> Posture:
         raise ValueError(f"q: expected (n,) finite numbers in rad, got {q!r}")
     wanted = q, np.zeros(len(q))
     return Posture(lambda t: wanted, _positive(omega))
+
+
+def damp(n: int, rate: float) -> Posture:
+    """No posture of n joints: what the task leaves over comes to rest as exp(-rate t), rate in 1/s, wherever it is."""
+    nowhere = np.zeros(n), np.zeros(n)
+    return Posture(lambda t: nowhere, 0.0, _positive(rate))
 
 
 def along(times: np.ndarray, postures: np.ndarray, omega: float) -> Posture:
@@ -47,19 +57,22 @@ def _positive(omega: float) -> float:
 LEAST = 1e-9  # of the mean of J M^-1 J^T's eigenvalues: added to all, so that a singular posture has an answer too
 
 
-def posture_torque(M: Any, J: Any, q: Any, v: Any, q_wanted: Any, v_wanted: Any, omega: Any) -> Any:
-    """(n,) N m that draws q to ``q_wanted`` in the null space of J, critically damped.
+def posture_torque(
+    M: Any, J: Any, q: Any, v: Any, q_wanted: Any, v_wanted: Any, omega: Any, damping: Any = None
+) -> Any:
+    """(n,) N m that draws q to ``q_wanted`` in the null space of J, critically damped unless told otherwise.
 
-    (I - J^T J_bar^T) M (omega^2 (q_wanted - q) + 2 omega (v_wanted - v)), with J_bar = M^-1 J^T (J M^-1 J^T)^-1: dynamically
-    consistent (Khatib, 1987), so that the tool is not accelerated as far as M is the arm's. Zero for six joints.
+    (I - J^T J_bar^T) M (omega^2 (q_wanted - q) + damping (v_wanted - v)), damping = 2 omega, J_bar = M^-1 J^T (J M^-1 J^T)^-1:
+    dynamically consistent (Khatib, 1987), so that the tool is not accelerated as far as M is the arm's. Zero for six joints.
 
     Parameters
     ----------
-    M (n, n), J (6, n), q, q_wanted (n,) rad, v, v_wanted (n,) rad/s; omega : 1/s.
+    M (n, n), J (6, n), q, q_wanted (n,) rad, v, v_wanted (n,) rad/s; omega, damping : 1/s.
     """
-    wish = omega * omega * (q_wanted - q) + 2 * omega * (v_wanted - v)  # (n,) rad/s^2
-    M_inverse_JT = np.linalg.solve(M, J.T)  # (n, 6)
+    damping = 2 * omega if damping is None else damping
+    wish = omega * omega * (q_wanted - q) + damping * (v_wanted - v)  # (n,) rad/s^2
+    M_inverse_JT = solve_definite(M, J.T)  # (n, 6)
     mobility = J @ M_inverse_JT
     mobility = mobility + LEAST * np.trace(mobility) / J.shape[0] * np.eye(J.shape[0])
-    force = np.linalg.solve(mobility, J @ wish)  # (6,) N, J_bar^T M wish
+    force = solve_definite(mobility, J @ wish)  # (6,) N, J_bar^T M wish
     return M @ wish - J.T @ force

@@ -31,7 +31,7 @@ def other_torque(
     torque = arm.gravity_torque(q) if practice.gravity else np.zeros(arm.n)
     if posture is None:
         return torque
-    return torque + posture_torque(arm.mass_matrix(q), J, q, v, *posture.path(t), posture.omega)
+    return torque + posture_torque(arm.mass_matrix(q), J, q, v, *posture.path(t), *posture[1:])
 
 
 def named(name: str, check: Callable[..., Any], *arguments: Any) -> Any:

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgesvd, dposv
+from scipy.linalg.lapack import dgesvd
 
+from k1607_pin.dynamics.linear import solve_definite
 from k1607_pin.dynamics.rigid_body import (
     Body,
     coriolis_matrix,
@@ -60,12 +61,12 @@ def operational_space(
     sigma_min : passed through; damping : lambda, in the units of J.
     """
     # np.dot and not @: on matrices this small it saves an eighth of all that `Arm.operational_space` takes.
-    M_inverse_JT = _solve(M, J.T)  # (n, 6)
+    M_inverse_JT = solve_definite(M, J.T)  # (n, 6)
     mobility = np.dot(J, M_inverse_JT)  # (6, 6)
     if damping:
         # 1/m = tr(J M^-1 J^T) / tr(J J^T) carries lambda over from J J^T + lambda^2 I, where it is a share of J's own scale.
         mobility = mobility + damping * damping * np.trace(mobility) / np.trace(np.dot(J, J.T)) * _I6
-    Lambda = _solve(mobility, _I6)
+    Lambda = solve_definite(mobility, _I6)
     Lambda = (Lambda + Lambda.T) / 2
     J_bar = np.dot(M_inverse_JT, Lambda)  # (n, 6)
     velocity_force = np.dot(J_bar.T, C) - np.dot(Lambda, J_dot)  # (6, n)
@@ -115,13 +116,3 @@ def singular_values(J: np.ndarray) -> np.ndarray:
 
 
 _I6 = np.eye(6)
-
-
-def _solve(A: Any, B: Any) -> Any:
-    """A^-1 B for a symmetric positive definite A (m, m) and B (m, k); the upper triangle of A counts."""
-    if type(A) is type(B) is np.ndarray:
-        _, X, failed = dposv(A, B)  # Cholesky, at a third of np.linalg.solve's cost
-        return np.linalg.solve(A, B) if failed else X  # which takes what rounding has left short of definite
-    # Symbols: CasADi's own solve of a full system loses with the square of the condition, 1e-7 at 1e5, and takes twice the steps.
-    L = np.linalg.cholesky(A)
-    return np.linalg.solve(L.T, np.linalg.solve(L, B))

@@ -13,6 +13,7 @@ from k1607_pin.paths.spline import Spline, of_jerk
 
 SPARE = 1e-6  # of the limits
 LEAST = 1e-9  # rad (m)
+TOGETHER = 1e-9  # of a motion's duration: times that are closer are one time
 
 
 class Limits(NamedTuple):
@@ -59,8 +60,7 @@ def fastest(start: np.ndarray, end: np.ndarray, v_start: np.ndarray, v_end: np.n
         raise NoMotionError(f"no motion from {start.tolist()} to {end.tolist()}: {error}") from None
     T = found.duration
     switches = [np.cumsum(profile.t) for profile in found.profiles[0]]  # n times (7,) s
-    times = np.unique(np.concatenate([[0.0, T / 4, T / 2, 3 * T / 4, T], *switches]))
-    times = times[times <= T]
+    times = _apart(np.concatenate([[0.0, T / 4, T / 2, 3 * T / 4, T], *switches]), T)
     middles = (times[:-1] + times[1:]) / 2
     jerk = np.array(
         [
@@ -72,6 +72,13 @@ def fastest(start: np.ndarray, end: np.ndarray, v_start: np.ndarray, v_end: np.n
     # a push and a pull of the jerk, and back: displaces by 1, without a trace in velocity and acceleration
     displace = np.where(np.abs(middles - T / 2) > T / 4, 32.0, -32.0) / T**3
     return of_jerk(times, jerk + displace[:, None] * missing, start, v_start)
+
+
+def _apart(times: np.ndarray, T: float) -> np.ndarray:
+    """Times from 0 to T in order, without those that only rounding keeps from the one before."""
+    inside = np.unique(times[(times > TOGETHER * T) & (times < (1 - TOGETHER) * T)])
+    first = np.diff(inside, prepend=0.0) > TOGETHER * T
+    return np.concatenate([[0.0], inside[first], [T]])
 
 
 def progress(distances: np.ndarray, limits: Limits, start: float = 0.0) -> Spline:
