@@ -658,6 +658,8 @@ def main() -> None:
             f"k1607: {error}; for the 3-D view: pip install 'k1607-pin[viewer]'", style="red", markup=False
         )
         raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
     except (ValueError, OSError) as error:
         Console(stderr=True).print(f"k1607: {error}", style="red", markup=False, highlight=False)
         raise SystemExit(2) from None
