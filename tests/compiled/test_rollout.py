@@ -223,6 +223,25 @@ def test_a_controller_of_ones_own(arm, q0, agrees):
     np.testing.assert_array_equal(both.q[1], run.q[0])
 
 
+def test_a_controller_that_has_changed_is_traced_anew(arm, q0):
+    """Whatever changes: an attribute of a controller, an array in place, or a signal."""
+    law = Drive(lambda q, v: -5.0 * q)
+    before = k1607.rollout(arm, law, q0, 0.05, metrics={}).q_end
+    law.torque = lambda q, v: -50.0 * q
+    assert (k1607.rollout(arm, law, q0, 0.05, metrics={}).q_end != before).all()
+
+
+def test_an_array_changed_in_place_is_seen(arm, cartesian, q0):
+    law = cartesian(arm)
+    before = k1607.rollout(arm, law, q0, 0.05, metrics={}).q_end
+    law.model.P[:] *= 1e6
+    assert (k1607.rollout(arm, law, q0, 0.05, metrics={}).q_end != before).any()
+
+
+def test_what_does_not_change_is_kept(arm, law):
+    assert k1607.rollouts(arm, law, 0.05) is k1607.rollouts(arm, law, 0.05)
+
+
 def if_in_python(q, v):
     return q if q[0] > 0 else v
 
@@ -250,6 +269,13 @@ def test_what_cannot_be_traced_is_named(arm, torque, said, q0):
         ({"vary": {"controller.bet": [1.0]}}, "vary: expected some of .*controller.beta_1"),
         ({"vary": {"controller.beta_1": [1.0, np.nan]}}, "controller.beta_1: expected finite"),
         ({"vary": {"controller.beta_1": [-1.0]}}, "beta_1: expected a number >= 0"),
+        ({"vary": {"controller.beta_1": [1.0, 2.0, -1.0, 3.0]}}, "beta_1: expected a number >= 0"),
+        ({"vary": {"plant.viscous": np.ones((4, 7)) - 3 * np.eye(4, 7)}}, "viscous: expected"),
+        (
+            {"vary": {"payloads.0.payload.mass": [1.0, -1.0]}, "payloads": [(0.01, k1607.Payload(1.0))]},
+            "mass: expected",
+        ),
+        ({"vary": {"controller.period": [0.01, 0.02]}}, "vary: expected no period"),
         ({"vary": {"controller.beta_1": np.ones((2, 2))}}, "expected .* got shape"),
         ({"vary": {"controller.beta_1": np.ones(2), "controller.beta_2": np.ones(3)}}, "as many"),
         ({"q0": np.zeros(6)}, "q0: expected"),

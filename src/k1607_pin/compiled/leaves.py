@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,16 @@ def numbers(x: Any, prefix: str = "") -> dict[str, np.ndarray]:
         else:
             found.update(numbers(child, f"{prefix}{name}."))
     return found
+
+
+def lasts(x: Any) -> bool:
+    """Whether x cannot become another thing but by changing its `numbers`: what was made from it may be kept."""
+    if is_dataclass(x) and not isinstance(x, type):
+        frozen: bool = vars(type(x))["__dataclass_params__"].frozen
+        return frozen and all(lasts(child) for _, child in children(x))
+    if isinstance(x, tuple):
+        return all(map(lasts, x))
+    return x is None or is_number(x) or isinstance(x, Arm | FunctionType | bool | str)
 
 
 def replaced(x: Any, values: Mapping[str, Any]) -> Any:

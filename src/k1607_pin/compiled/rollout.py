@@ -18,7 +18,7 @@ from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals, trac
 from k1607_pin.compiled.interpreted import Interpreter
 from k1607_pin.compiled.kernel import Kernel, source
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
-from k1607_pin.compiled.leaves import replaced
+from k1607_pin.compiled.leaves import lasts, numbers, replaced
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.results import REST, dataset, variables_of
 from k1607_pin.simulation.integrators import semi_implicit_euler
@@ -54,8 +54,10 @@ def rollout(
 ) -> xr.Dataset:
     """Closed loops side by side, one a lane of a native function: what `simulate` does, at some hundred times its speed.
 
-    The first call for a controller traces and compiles it, some seconds; the library is kept in the user's cache folder. What a
-    controller's ``start`` would refuse is not looked at here.
+    The first call for a controller traces and compiles it, a second or so; the library is kept in the user's cache folder. A
+    later call with the same objects does not trace again, if they are such as do not change: frozen dataclasses and functions.
+    What a controller's ``start`` would refuse is not looked at here; what it and the plant say of their numbers is, for the first
+    rollout and for those with the smallest and the largest ones.
 
     Parameters
     ----------
@@ -120,10 +122,13 @@ def rollouts(
     if metrics is None:
         metrics = {name: kinds for name, kinds in DEFAULT_METRICS.items() if name in variables_of(controller)}
     metrics = {name: (kinds,) if isinstance(kinds, str) else tuple(kinds) for name, kinds in metrics.items()}
-    objects = (plant, controller, step, external, signals, *payloads)
-    times = (duration, control_period, physics_step, from_rest, every)
-    key = (tuple(map(id, objects)), times, tuple(varied), tuple(metrics.items()), tuple(log))
-    if key not in _recent:
+    if wrong := [name for name in varied if name.startswith("controller.") and name.endswith(".period")]:
+        raise ValueError(f"vary: expected no period, which all rollouts share, got {wrong[0]!r}")
+    objects = (plant, controller, step, external, *payloads, *(signals or {}).values())
+    times = (duration, control_period, physics_step, from_rest, every, tuple(signals or ()))
+    content = tuple((name, x.shape, x.tobytes()) for one in objects for name, x in numbers(one).items())
+    key = (tuple(map(id, objects)), content, times, tuple(varied), tuple(metrics.items()), tuple(log))
+    if key not in _recent or not all(map(lasts, objects)):
         schedule = PayloadSchedule(payloads, duration)
         bare = Plant(plant) if isinstance(plant, Arm) else plant
         setup = Setup(bare, controller, external, schedule, from_rest, step, physics_step, signals or {})
@@ -211,7 +216,7 @@ class Rollouts:
         }
         given |= {name: (vary[name], self.loop.parameters[name]) for name in self.varied}
         values, count = batches(given)
-        self._check_first({name: values[name] for name in self.varied})
+        self._check({name: values[name] for name in self.varied})
         W = self.engine.lanes
         blocks = -(-count // W)
         columns = [rows_of(values[name], count) for name in ("q0", "v0", *self.varied)]
@@ -278,16 +283,23 @@ class Rollouts:
                 before = shares
         return np.array(rows, dtype=float).reshape(len(rows), 2 * len(schedule.changes)), change
 
-    def _check_first(self, values: Mapping[str, np.ndarray]) -> None:
-        """The first rollout's numbers, as controller and plant check their own."""
-        for root, x in (("plant", self.setup.plant), ("controller", self.setup.controller)):
-            mine = {
-                name.partition(".")[2]: value[0] if value[0].ndim else float(value[0])
-                for name, value in values.items()
-                if name.startswith(f"{root}.") and name.rpartition(".")[2] not in ARM
-            }
-            if mine:
-                replaced(x, mine)
+    def _check(self, values: Mapping[str, np.ndarray]) -> None:
+        """Numbers as controller, plant and payloads check their own: of the first rollout, and of those with extreme numbers."""
+        lanes = {0}
+        for x in values.values():
+            flat = x.reshape(len(x), -1)
+            lanes |= {int(flat.min(axis=1).argmin()), int(flat.max(axis=1).argmax())}
+        roots = {
+            "plant": self.setup.plant,
+            "controller": self.setup.controller,
+            "payloads": self.setup.schedule.changes,
+        }
+        for lane in lanes:
+            for root, x in roots.items():
+                mine = {name: value for name, value in values.items() if name.startswith(f"{root}.")}
+                own = {name.partition(".")[2]: value[min(lane, len(value) - 1)] for name, value in mine.items()}
+                own = {name: v if v.ndim else float(v) for name, v in own.items() if name.rpartition(".")[2] not in ARM}
+                replaced(x, own)
 
     def _given_states(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """(count, size): what the controller starts from, asked for one by one where it may differ."""

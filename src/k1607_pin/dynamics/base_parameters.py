@@ -3,7 +3,7 @@
 A revolute joint does not move its own axis, so that masses along it act on the rest alike whether they turn with the joint or
 stay with the parent; a prismatic joint does not turn what it carries, whose second moments about the joint frame's origin may be
 the parent's. Moved there, they leave zeros behind (Gautier and Khalil, IEEE Trans. Robotics and Automation 6(3), 1990): the same
-joint forces for a sixth fewer operations.
+joint forces for a tenth fewer operations.
 """
 
 from collections.abc import Sequence
