@@ -152,13 +152,15 @@ def test_noise_is_a_function_of_seed_and_time(arm, law, q0, agrees):
 def test_one_that_runs_away_is_flagged_and_the_others_go_on(arm, law, q0):
     K_d = law.gains.K_d * np.array([1.0, 200.0, 1.0])[:, None, None]  # far too much for torques held 10 ms
     vary = {"controller.gains.K_d": K_d}
-    run = k1607.rollout(arm, law, q0, 0.3, vary=vary, log=("q", "t"), metrics={"q": REDUCERS})
+    run = k1607.rollout(arm, law, q0, 0.3, vary=vary, log=("q", "tau", "t"), metrics={"q": REDUCERS})
     with pytest.raises(SimulationError) as lost:
         k1607.simulate(arm, replace(law, gains=Gains(law.gains.K_p, K_d[1])), q0, 0.3)
     assert run.failed_at[1] == pytest.approx(lost.value.time, abs=1e-9)
     np.testing.assert_allclose(run.q_end[1], lost.value.q, rtol=1e-6)  # the last good state
     np.testing.assert_array_equal(np.isnan(run.q[1, :, 0]), run.t[0] > run.failed_at[1].item())
-    seen = run.q[1].values[~np.isnan(run.q[1, :, 0])]
+    seen, tau = (run[name][1].values[~np.isnan(run.q[1, :, 0])] for name in ("q", "tau"))
+    moved = np.diff(np.vstack([seen, run.q_end[1]]), axis=0)
+    assert float(run.work[1]) == pytest.approx(float(np.sum(tau * moved)), rel=1e-9)  # up to the last good state
     np.testing.assert_allclose(run.q_rms[1], np.sqrt(np.mean(seen**2, axis=0)), rtol=1e-12)
     np.testing.assert_array_equal(run.q_last[1], seen[-1])
     well = k1607.rollout(arm, law, q0, 0.3, vary={"controller.gains.K_d": K_d[[0]]}, metrics={"q": REDUCERS})

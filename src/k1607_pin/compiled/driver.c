@@ -113,6 +113,7 @@ static void block(const Plan *plan, const double *in, const int64_t *seeds, doub
       continue;
     }
     memcpy(q0, q, sizeof q);
+    const I moving = alive;
     for (int64_t s = 0; s < plan->substeps; s++) {
       const double *shared = plan->physics_shared + (k * plan->substeps + s) * NX;
       advance(shared, q, v, tau, P, pi, H, q2, v2);
@@ -130,7 +131,7 @@ static void block(const Plan *plan, const double *in, const int64_t *seeds, doub
     }
     V done = v_all(0.0);
     FOR(i, N) done += tau[i] * (q[i] - q0[i]);
-    work += v_select(alive, done, v_all(0.0));
+    work += v_select(moving, done, v_all(0.0)); /* up to the last good state */
   }
   V *out = (V *)result;
   FOR(i, N) out[i] = q[i], out[N + i] = v[i];

@@ -64,7 +64,7 @@ class Interpreter:
                 log[:, k // plan.every, :, 0] = np.where(alive, row, np.nan).T
             if k == plan.ticks:
                 break
-            before = now["q"]
+            before, moving = now["q"], alive
             for s in range(plan.substeps):
                 now["shared"] = plan.physics_shared[k * plan.substeps + s]
                 q, v = self._advance(now)
@@ -72,7 +72,7 @@ class Interpreter:
                 failed[alive & ~ok] = k * plan.period + s * plan.physics_step
                 alive = ok
                 now["q"], now["v"] = np.where(alive, q, now["q"]), np.where(alive, v, now["v"])
-            work += np.where(alive, np.sum(tau * (now["q"] - before), axis=0), 0.0)
+            work += np.where(moving, np.sum(tau * (now["q"] - before), axis=0), 0.0)
         results[:, :, 0] = np.concatenate([now["q"], now["v"], metrics, counted[None], work[None], failed[None]]).T
 
     def _advance(self, now: dict[str, np.ndarray]) -> list[np.ndarray]:
