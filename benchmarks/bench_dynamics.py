@@ -16,21 +16,17 @@ import numpy as np
 import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
+from the_loop import START, in_mujoco, the_law
 from timing import compare, machine
 
 import k1607_pin as k1607
 from k1607_pin.arm.bodies import bodies
-from k1607_pin.arm.load import k1607_urdf
 from k1607_pin.compiled.trace import trace
-from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
-from k1607_pin.control.reference_model import reference_model
 from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space, operational_space_of_bodies
-from k1607_pin.paths.report_paths import Line
 from k1607_pin.simulation.integrators import semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
 
 LWA = pin.LOCAL_WORLD_ALIGNED
-START = np.deg2rad([-20, 30, 20, 100, -30, 60, 10])  # of examples/line_with_payload.py
 RESULTS = ("Lambda", "Phi", "Gamma", "jacobian", "jacobian_bar", "bias_nullspace", "gravity")
 
 
@@ -112,23 +108,8 @@ def physics(console: Console) -> None:
     """A physics step within `simulate`, its energy account included, and a control tick, its log included."""
     arm = k1607.load_k1607(gravity=(0, 0, 0))
     model, data = arm.model, arm.model.createData()
-    in_mujoco = mujoco.MjModel.from_xml_path(str(k1607_urdf()))
-    in_mujoco.opt.timestep, in_mujoco.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_EULER
-    in_mujoco.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    in_mujoco.opt.gravity[:], in_mujoco.dof_armature[:] = 0, arm.armature
-    theirs = mujoco.MjData(in_mujoco)
-
-    start = arm.forward_kinematics(START)
-    law = CartesianAdaptive(
-        arm,
-        Line(start.translation),
-        start.rotation,
-        gains_from_inertia(arm, START, omega=2.0),
-        reference_model(2 * np.ones(6), 3 * np.ones(6)),
-        1e6,
-        1e6,
-        period=0.01,
-    )
+    model_there, theirs = in_mujoco(arm)
+    law = the_law(arm)
 
     def rollout(seconds: float, substeps: int) -> object:
         return k1607.simulate(arm, law, START, seconds, control_period=0.01, physics_step=0.01 / substeps)
@@ -137,10 +118,11 @@ def physics(console: Console) -> None:
     theirs.qpos[:] = START
     for tau in log.tau.values[:-1]:
         theirs.qfrc_applied[:] = tau
-        mujoco.mj_step(in_mujoco, theirs, 10)
+        mujoco.mj_step(model_there, theirs, 10)
     apart = float(np.abs(theirs.qpos - log.q.values[-1]).max())
     assert apart < 1e-9, "MuJoCo must arrive where we do"
 
+    state = law.initial(START, np.zeros(7))
     q, v, tau = log.q.values[-1], log.v.values[-1], log.tau.values[-1]
     plant, acceleration = Plant(arm), pin.aba(model, data, q, v, tau)
     assert np.abs(plant.acceleration(q, v, tau) - acceleration).max() < 1e-12 * np.abs(acceleration).max()
@@ -157,8 +139,8 @@ def physics(console: Console) -> None:
         lambda: rollout(1.2, 1),
         lambda: semi_implicit_euler(lambda q, v: plant.acceleration(q, v, tau), q, v, 1e-3),
         lambda: pin.aba(model, data, q, v, tau),
-        lambda: mujoco.mj_step(in_mujoco, theirs),
-        lambda: law.update(0.5, q, v, law.gains),
+        lambda: mujoco.mj_step(model_there, theirs),
+        lambda: law.update(0.5, q, v, state),
         law_s_pinocchio,
         rounds=31,
     )

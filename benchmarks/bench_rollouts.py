@@ -20,11 +20,10 @@ from bench_export import control_ticks
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
-from the_loop import PERIOD, START, the_law
-from timing import compare, machine
+from the_loop import PERIOD, START, STEP, in_mujoco, the_law
+from timing import QUICK, compare, machine
 
 import k1607_pin as k1607
-from k1607_pin.arm.load import k1607_urdf
 from k1607_pin.compiled.build import compiler, library
 from k1607_pin.compiled.kernel import resource
 from k1607_pin.compiled.native import Native
@@ -33,7 +32,6 @@ from k1607_pin.description import description
 from k1607_pin.description.urdf import to_urdf
 from k1607_pin.simulation.integrators import semi_implicit_euler
 
-STEP = 0.001
 SUBSTEPS = round(PERIOD / STEP)
 INERTIA = [0.1, 0.1, 0.05, 0.01, 0.0, 0.0]  # kg m^2, xx yy zz xy xz yz, of the links of an arm whose joints are counted
 
@@ -49,20 +47,11 @@ class Passive:
         return 0 * q, None, {}
 
 
-def in_mujoco(arm: k1607.Arm) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The same URDF, armature and integrator, weightless, without contacts and limits."""
-    model = mujoco.MjModel.from_xml_path(str(k1607_urdf()))
-    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_EULER
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    model.opt.gravity[:], model.dof_armature[:] = 0, arm.armature
-    return model, mujoco.MjData(model)
-
-
 def seconds(fun: Callable[[], object], repeats: int = 5) -> np.ndarray:
     """(repeats,) s of each call, after one that is not counted."""
     fun()
     out = []
-    for _ in range(repeats):
+    for _ in range(1 if QUICK else repeats):
         start = time.perf_counter()
         fun()
         out.append(time.perf_counter() - start)
@@ -87,7 +76,7 @@ def closed_loops(console: Console, table: Table) -> None:
     assert apart_law < 1e-9, apart_law
     console.print(f"same motion: MuJoCo within {apart:.0e} rad after 1 s, simulate within {apart_law:.0e} rad")
 
-    lanes, length = 1024, 1.0
+    lanes, length = 16 if QUICK else 1024, 1.0
     run = rollouts(arm, law, length, varied=("controller.beta_1",))
     beta = np.linspace(0, 1e6, lanes)
 
@@ -127,7 +116,7 @@ def multiply_adds() -> float:
     made = compiler()
     if made is None:
         return float("nan")
-    chains = 16
+    chains = 10  # enough to hide the latency, few enough for the registers of AVX2
     body = "\n".join(f"  V a{i} = v_all(x + {i});" for i in range(chains))
     loop = " ".join(f"a{i} = a{i} * m + c;" for i in range(chains))
     total = " + ".join(f"a{i}" for i in range(chains))
@@ -149,7 +138,7 @@ double spin(int64_t n, double x, double y) {{
 def dynamics(table: Table) -> None:
     arm = k1607.load_k1607()
     rng = np.random.default_rng(0)
-    count = 200_000
+    count = 1000 if QUICK else 200_000
     q, v, tau = rng.normal(size=(3, count, 7))
     forward = k1607.batch(arm, "forward_dynamics")
     memory = forward.empty(count)
@@ -175,7 +164,7 @@ def dynamics(table: Table) -> None:
     )
 
     space = k1607.batch(arm, "operational_space")
-    count = 1_000_000
+    count = 1000 if QUICK else 1_000_000
     q, v = rng.uniform(0.3, 1.3, size=(2, count, 7))
     memory = space.empty(count)
     found = space(q, v, threads=1, out=memory)
@@ -204,7 +193,7 @@ arm = k1607.load_k1607(gravity=(0, 0, 0))
 law = the_law(arm)
 payloads = [(3.33, k1607.Payload(4.536)), (6.66, k1607.Payload(0.0))]
 run = rollouts(arm, law, 10.0, payloads=payloads, varied=("controller.beta_1",))
-beta = np.linspace(0, 1e6, 10_000)
+beta = np.linspace(0, 1e6, {count})
 out = []
 for threads in (1, 2, 1, 2, 1, 2):
     start = time.perf_counter()
@@ -216,7 +205,7 @@ print(*out, int(peak) / 1024)
 
 
 def ten_thousand(table: Table) -> None:
-    code = TEN_THOUSAND.format(here=str(Path(__file__).parent))
+    code = TEN_THOUSAND.format(here=str(Path(__file__).parent), count=16 if QUICK else 10_000)
     *times, memory = map(float, subprocess.check_output([sys.executable, "-c", code], text=True).split())
     one, two = np.array(times[::2]), np.array(times[1::2])
     row(table, "10,000 rollouts of 10 s, metrics, 2 threads", two, None, "≤ 6 s")
@@ -229,7 +218,7 @@ def ticks(table: Table) -> None:
     law = the_law(arm)
     native, v = Native(law), np.zeros(7)
     state = law.initial(START, v)
-    exported = 1e-6 * np.array([control_ticks()["cartesian, as in the report"] for _ in range(3)])
+    exported = 1e-6 * np.array([control_ticks()["cartesian, as in the report"] for _ in range(1 if QUICK else 3)])
     row(table, "one control tick in the exported C", exported, None, "≤ 1 µs")
     _, rounds = compare(lambda: native.update(0.5, START, v, state), lambda: law.update(0.5, START, v, state))
     row(table, "one control tick from Python, the law natively", rounds[:, 0], None, "≤ 40 µs")
@@ -258,7 +247,7 @@ print(time.perf_counter() - start)
 def first_use(table: Table) -> None:
     code = FIRST.format(here=str(Path(__file__).parent))
     fresh, again = [], []
-    for _ in range(3):
+    for _ in range(1 if QUICK else 3):
         with tempfile.TemporaryDirectory() as folder:
             environment = {**os.environ, "K1607_CACHE": folder}
             for times in (fresh, again):
@@ -271,14 +260,14 @@ def growth(folder: Path) -> None:
     """Figure: time against rollouts, joints and threads."""
     arm = k1607.load_k1607(gravity=(0, 0, 0))
     run = rollouts(arm, the_law(arm), 1.0, varied=("controller.beta_1",))
-    counts = 2 ** np.arange(0, 15, 2)
+    counts = 2 ** np.arange(0, 5 if QUICK else 15, 2)
     by_count = [
         seconds(lambda n=n: run(START, vary={"controller.beta_1": np.ones(n)}, threads=1), 3).min() for n in counts
     ]
     threads = np.arange(1, (os.cpu_count() or 1) + 1)
     beta = {"controller.beta_1": np.ones(4096)}
     by_threads = [seconds(lambda n=n: run(START, vary=beta, threads=int(n)), 3).min() for n in threads]
-    joints = np.arange(3, 13)
+    joints = np.arange(3, 5 if QUICK else 13)
     by_joints, operations = zip(*(passive_steps(int(n)) for n in joints), strict=True)
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     panels = figure.subplots(1, 3)
@@ -314,9 +303,10 @@ def passive_steps(n: int) -> tuple[float, int]:
         )
         arm = k1607.load_urdf(file)
     run = rollouts(arm, Passive(), 0.5, metrics={})
-    q0 = np.tile(np.linspace(0.1, 0.5, n), (2048, 1))
+    count = 16 if QUICK else 2048
+    q0 = np.tile(np.linspace(0.1, 0.5, n), (count, 1))
     operations = sum(run.loop.programs["motion"].operations.values())
-    return float(seconds(lambda: run(q0, threads=1), 3).min()) / 2048 / 500, operations
+    return float(seconds(lambda: run(q0, threads=1), 3).min()) / count / 500, operations
 
 
 def row(table: Table, name: str, times: np.ndarray, ratio: np.ndarray | None = None, target: str = "") -> None:

@@ -11,6 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 
+QUICK = os.environ.get("BENCH_QUICK") == "1"
+"""Whether to run everything once and briefly, to see that it runs: its numbers mean nothing."""
+
+
 class Timing(NamedTuple):
     """Seconds a call, over all rounds."""
 
@@ -26,6 +30,8 @@ def compare(
 
     Returns a `Timing` a function, and (rounds, len(functions)) seconds a call, so that ratios can be taken within a round.
     """
+    if QUICK:
+        rounds, seconds = 2, 0.0
     calls = []
     for f in functions:
         f()
