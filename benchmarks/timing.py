@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
 QUICK = os.environ.get("BENCH_QUICK") == "1"
 """Whether to run everything once and briefly, to see that it runs: its numbers mean nothing."""
 

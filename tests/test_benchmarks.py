@@ -18,7 +18,10 @@ def test_there_are_benchmarks():
 def test_benchmark_runs(benchmark, tmp_path):
     options = ["--plot", str(tmp_path)] if "--plot" in benchmark.read_text() else []
     result = subprocess.run(
-        [sys.executable, str(benchmark), *options], capture_output=True, text=True, env={**os.environ, "BENCH_QUICK": "1"}
+        [sys.executable, str(benchmark), *options],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "BENCH_QUICK": "1"},
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip()

@@ -72,9 +72,14 @@ def test_against_numpy(functions, name):
     if name in ("sin", "cos", "tan"):
         x = np.concatenate([x[np.abs(x) < 1e6], rng.uniform(-1e5, 1e5, 2000), np.arange(-60, 60) * np.pi / 4, [np.nan]])
     y = rng.permutation(x)
+    if name == "atan2":  # every pair of the special ones, and about where its pieces meet
+        x = np.concatenate([x, np.repeat(SPECIAL, len(SPECIAL)), rng.uniform(0.6, 1.7, 800)])
+        y = np.concatenate([y, np.tile(SPECIAL, len(SPECIAL)), rng.choice([1.0, -1.0], 800)])
     ours, theirs = functions(name, x, y)[: len(x)], expected(name, x, y)
     np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
     np.testing.assert_array_equal(ours[np.isinf(theirs)], theirs[np.isinf(theirs)])
+    if name in ("atan2", "copysign"):
+        np.testing.assert_array_equal(np.signbit(ours)[~np.isnan(theirs)], np.signbit(theirs)[~np.isnan(theirs)])
     finite = np.isfinite(theirs)
     scale = np.maximum(np.abs(theirs[finite]), 1.0 if name in ("sin", "cos") else 1e-307)
     off = np.abs(ours[finite] - theirs[finite]) / scale

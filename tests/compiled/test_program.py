@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from k1607_pin.compiled.interpreted import function_of
+from k1607_pin.compiled.order import in_order
 from k1607_pin.compiled.program import hoisted, program
 
 
@@ -61,3 +62,49 @@ def test_hoisting_changes_nothing_and_takes_all_it_can(seed):
             if from_slow or (node.args and all(a in slow_nodes for a in node.args)):
                 slow_nodes.add(i)
                 assert node.op in ("const", "input")
+
+
+def random_program(rng, count=80):
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
+    pool = [*ca.vertsplit(x), *ca.vertsplit(y), ca.SX(2.5)]
+    for _ in range(count):
+        a, b = (pool[i] for i in rng.integers(len(pool), size=2))
+        pool.append([a + b, a * b, ca.sin(a), ca.cos(a), a - b, 1 / (2 + a * a), ca.fmax(a, b)][rng.integers(7)])
+    return of([pool[-6:-3], [*pool[-3:], pool[0], pool[-1]]], x, y)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_order_changes_no_bit_and_loses_nothing(seed):
+    """Random programs: each operation stands once, after what it takes, and every output is the same to the bit."""
+    rng = np.random.default_rng(seed)
+    p = random_program(rng)
+    ordered = in_order(p)
+    assert ordered.operations == p.operations
+    assert len(ordered.nodes) == len(p.nodes)
+    assert all(a < i for i, node in enumerate(ordered.nodes) for a in node.args)
+    x, y = rng.normal(size=3), rng.normal(size=2)
+    for ours, before in zip(values(ordered, x, y), values(p, x, y), strict=True):
+        np.testing.assert_array_equal(ours, before)
+
+
+def test_the_longest_way_goes_first():
+    """Of two chains to one sum the long one begins, and products stand beside the sums that they are for."""
+    x = ca.SX.sym("x", 8)
+    long = ca.sin(ca.sin(x[0]))
+    short = x[1] + x[2]
+    p = in_order(of([[short * x[3] + long * x[4]]], x))
+    done = [node.op for node in p.nodes if node.op not in ("input", "const")]
+    assert done[:2] == ["sin", "sin"]
+    assert done[-2:] == ["mul", "add"]
+
+
+def test_order_keeps_fewer_values_waiting():
+    """Many sums of products, all as long: a result of each before the next is begun, not all the products first."""
+    x = ca.SX.sym("x", 60)
+    p = in_order(of([[x[3 * k] * x[3 * k + 1] + x[3 * k + 2] for k in range(20)]], x))
+    done = [node.op for node in p.nodes if node.op != "input"]
+    assert done == ["mul", "add"] * 20
+
+
+def test_an_empty_program_has_an_order():
+    assert in_order(of([[]], ca.SX.sym("x", 1))).nodes == ()

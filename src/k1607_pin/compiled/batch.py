@@ -17,6 +17,7 @@ from k1607_pin.compiled.interpreted import WARNING, function_of
 from k1607_pin.compiled.kernel import resource
 from k1607_pin.compiled.lanes import processors
 from k1607_pin.compiled.leaves import Layout
+from k1607_pin.compiled.order import in_order
 from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
@@ -52,7 +53,7 @@ class Batch:
                 flat = self._layout.flat(fun(*symbols))
             columns = [column(Layout(None).flat(x)) for x in symbols]
             f = ca.Function("f", columns, [ca.densify(column(flat))], {"cse": True})
-            self.program = without_nan("fun", program(f))
+            self.program = in_order(without_nan("fun", program(f)))
         if len(flat) != self._layout.size:
             raise TracingError(f"fun: expected {self._layout.size} numbers as when called on floats, got {len(flat)}")
         made = compiler()

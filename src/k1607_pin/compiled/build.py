@@ -15,7 +15,7 @@ from pathlib import Path
 
 FLAGS = (
     "-std=gnu11",
-    "-O2",
+    "-O3",
     "-fPIC",
     "-shared",
     "-ffp-contract=fast",

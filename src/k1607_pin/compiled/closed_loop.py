@@ -10,6 +10,7 @@ import numpy as np
 
 from k1607_pin.arm.payload import velocity_after_gripping_of
 from k1607_pin.compiled.leaves import Layout, numbers, substituted
+from k1607_pin.compiled.order import in_order
 from k1607_pin.compiled.program import Program, hoisted, program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
@@ -171,6 +172,7 @@ class _Tracing:
         )
         programs |= dict(zip(hot, rest, strict=True))
         programs["hoist"] = _renumbered(hoist, numbers_of_slow)
+        programs = {name: in_order(p) for name, p in programs.items()}
         return ClosedLoop(
             self.n, programs, tracer, physics, self.shapes, self.state, given, tuple(metric_list), tuple(log_list), stages,
             2 * len(self.changes),

@@ -23,16 +23,19 @@ def function(name: str, program: Program, inputs: int, shared: Collection[int] =
     arguments = [f"const {'double' if k in shared else kind} *restrict i{k}" for k in range(inputs)]
     arguments += [f"{kind} *restrict o{k}" for k in range(len(program.outputs))]
     lines = [f"static void {name}({', '.join(arguments)})", "{"]
-    lines += body(program, kind, shared)
+    stores: dict[int, list[str]] = {}
     for k, output in enumerate(program.outputs):
-        lines += [f"  o{k}[{i}] = w{node};" for i, node in enumerate(output)]
+        for i, node in enumerate(output):
+            stores.setdefault(node, []).append(f"  o{k}[{i}] = w{node};")
+    for node, made in enumerate(body(program, kind, shared)):
+        lines += [made, *stores.get(node, ())]  # at once, so that it need not be kept
     unused = {f"i{k}" for k in range(inputs)} - {f"i{node.place[0]}" for node in program.nodes if node.op == "input"}
     lines += [f"  (void){name};" for name in sorted(unused)]
     return "\n".join([*lines, "}", ""])
 
 
 def body(program: Program, kind: str, shared: Collection[int]) -> list[str]:
-    """One declaration a node: w0, w1, ..."""
+    """One line a node, which declares w0, w1, ..."""
     lines = []
     angles: dict[int, set[str]] = {}
     for node in program.nodes:
@@ -43,10 +46,9 @@ def body(program: Program, kind: str, shared: Collection[int]) -> list[str]:
         a = [f"w{k}" for k in node.args]
         if node.op in ("sin", "cos") and len(angles[node.args[0]]) == 2:  # both, for one reduction of the angle
             k = node.args[0]
-            if k not in made:
-                lines.append(f"  {kind} s{k}, c{k}; v_sincos(w{k}, &s{k}, &c{k});")
-                made.add(k)
-            lines.append(f"  const {kind} w{i} = {node.op[0]}{k};")
+            both = "" if k in made else f"{kind} s{k}, c{k}; v_sincos(w{k}, &s{k}, &c{k}); "
+            made.add(k)
+            lines.append(f"  {both}const {kind} w{i} = {node.op[0]}{k};")
             continue
         if node.op == "const":
             text = f"v_all({literal(node.value)})"

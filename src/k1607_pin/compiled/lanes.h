@@ -1,6 +1,6 @@
 /* Arithmetic on W doubles side by side, in GCC's and clang's vector types: any width on any processor.
    Sine and cosine are fdlibm's polynomials after a reduction by pi/2 in three parts, exact for angles below 1e6 rad;
-   v_exp and v_log are good to 3 units of the last place, v_tanh to 8. What else libm has is called lane by lane. */
+   v_exp, v_log and v_atan2 are good to 3 units of the last place, v_tanh to 8. What else libm has is called lane by lane. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -114,6 +114,25 @@ static inline V v_tanh(V x)
   return v_select(v_mask(a < v_all(0.1)), small, v_copysign(large, x));
 }
 
+/* Cephes' rational function on [0, 0.66], and on [0.66, 1] less pi/4; the rest by symmetry */
+static inline V v_atan2(V y, V x)
+{
+  const V a = v_fabs(y), b = v_fabs(x), large = v_fmax(a, b), small = v_fmin(a, b);
+  const V one = v_if(large > v_all(0.0)); /* infinite both, or zero both */
+  const V q = v_select(v_mask(small == large), one, small / large);
+  const I middle = v_mask(q > v_all(0.66)), steep = v_mask(a > b), back = v_mask(v_bits(x) < v_i(0));
+  const V r = v_select(middle, (q - 1.0) / (q + 1.0), q), z = r * r;
+  const V P = -6.485021904942025371773e+01 + z * (-1.228866684490136173410e+02 + z * (-7.500855792314704667340e+01
+    + z * (-1.615753718733365076637e+01 + z * -8.750608600031904122785e-01)));
+  const V Q = 1.945506571482613964425e+02 + z * (4.853903996359136964868e+02 + z * (4.328810604912902668951e+02
+    + z * (1.650270098316988542046e+02 + z * (2.485846490142306297962e+01 + z))));
+  V t = r + r * (z * P / Q);
+  t = v_select(middle, 7.85398163397448309616e-01 + (t + 3.061616997868382943065e-17), t);
+  t = v_select(steep, 1.57079632679489661923e+00 - (t - 6.123233995736765886130e-17), t);
+  t = v_select(back, 3.14159265358979323846e+00 - (t - 1.224646799147353177226e-16), t);
+  return v_select(v_mask(a == a) & v_mask(b == b), v_copysign(t, y), a + b);
+}
+
 #if W == 1
 #define V_1(f) static inline V v_##f(V x) { return f(x); }
 #define V_2(f) static inline V v_##f(V x, V y) { return f(x, y); }
@@ -122,7 +141,7 @@ static inline V v_tanh(V x)
 #define V_2(f) static inline V v_##f(V x, V y) { V r; for (int k = 0; k < W; k++) r[k] = f(x[k], y[k]); return r; }
 #endif
 V_1(tan) V_1(asin) V_1(acos) V_1(atan) V_1(sinh) V_1(cosh) V_1(asinh) V_1(acosh) V_1(atanh) V_1(erf) V_1(log1p)
-V_1(expm1) V_1(floor) V_1(ceil) V_2(pow) V_2(atan2) V_2(fmod) V_2(hypot)
+V_1(expm1) V_1(floor) V_1(ceil) V_2(pow) V_2(fmod) V_2(hypot)
 
 static inline int v_any(I mask)
 {

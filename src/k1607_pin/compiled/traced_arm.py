@@ -115,7 +115,7 @@ class TracedArm:
 
     def coriolis_matrix(self, q: Any, v: Any) -> Any:
         """(n, n)"""
-        return coriolis_matrix(self.bodies, q, v)
+        return coriolis_matrix(self.base, q, v)
 
     def inverse_dynamics(self, q: Any, v: Any, a: Any) -> Any:
         """(n,)"""

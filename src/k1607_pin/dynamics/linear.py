@@ -6,33 +6,61 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 
-def solve_symmetric(A: Any, b: Any) -> Any:
-    """x (n,) of A x = b for a symmetric positive definite A (n, n), as L D L^T: n divisions and no root."""
-    n = len(b)
-    L: list[list[Any]] = [[None] * n for _ in range(n)]
-    scaled: list[list[Any]] = [[None] * n for _ in range(n)]  # L D
-    inverse: list[Any] = []  # of D
-    for j in range(n):
-        inverse.append(1 / (A[j, j] - sum(scaled[j][k] * L[j][k] for k in range(j))))
-        for i in range(j + 1, n):
-            scaled[i][j] = A[i, j] - sum(scaled[i][k] * L[j][k] for k in range(j))
-            L[i][j] = scaled[i][j] * inverse[j]
-    y: list[Any] = []
-    for i in range(n):
-        y.append(b[i] - sum(L[i][k] * y[k] for k in range(i)))
-    x: list[Any] = [None] * n
+def solve_symmetric(A: Any, B: Any) -> Any:
+    """A^-1 B for a symmetric positive definite A (n, n) and B (n,) or (n, k), as L^T D L: n divisions and no root.
+
+    From the last row up, so that a mass matrix's zeros between branches stay zeros in L (Featherstone, 2008, section 6.5), and
+    so do those of B's last rows in the first sweep.
+    """
+    n = len(B)
+    L, inverse = _factors(A)
+    y: list[Any] = [None] * n
     for i in reversed(range(n)):
-        x[i] = y[i] * inverse[i] - sum(L[k][i] * x[k] for k in range(i + 1, n))
+        y[i] = B[i] - sum(L[k][i] * y[k] for k in range(i + 1, n))
+    x: list[Any] = [None] * n
+    for i in range(n):
+        x[i] = y[i] * inverse[i] - sum(L[i][k] * x[k] for k in range(i))
     return np.stack(x)
 
 
 def solve_definite(A: Any, B: Any) -> Any:
-    """A^-1 B for a symmetric positive definite A (m, m) and B (m,) or (m, k); the upper triangle of A counts."""
-    if type(A) is type(B) is np.ndarray:
-        _, X, failed = dposv(A, B)  # Cholesky, at a third of np.linalg.solve's cost
-        return (
-            np.linalg.solve(A, B) if failed else X.reshape(B.shape)
-        )  # which takes what rounding has left short of definite
-    # Symbols: CasADi's own solve of a full system loses with the square of the condition, 1e-7 at 1e5, and takes twice the steps.
-    L = np.linalg.cholesky(A)
-    return np.linalg.solve(L.T, np.linalg.solve(L, B))
+    """A^-1 B for a symmetric positive definite A (n, n) and B (n,) or (n, k), by LAPACK for floats; the upper triangle counts."""
+    if not type(A) is type(B) is np.ndarray:
+        return solve_symmetric(A, B)
+    _, X, failed = dposv(A, B)  # Cholesky, at a third of np.linalg.solve's cost
+    # which takes what rounding has left short of definite
+    return np.linalg.solve(A, B) if failed else X.reshape(B.shape)
+
+
+def inverse_definite(A: Any) -> Any:
+    """A^-1, symmetric to the bit, of a symmetric positive definite A (n, n)."""
+    n = len(A)
+    if type(A) is np.ndarray:
+        X = solve_definite(A, np.eye(n))
+        return (X + X.T) / 2
+    L, inverse = _factors(A)
+    N: list[list[Any]] = [[None] * n for _ in range(n)]  # L^-1, below its ones
+    for j in range(n):
+        for i in range(j + 1, n):
+            N[i][j] = -(L[i][j] + sum(L[i][k] * N[k][j] for k in range(j + 1, i)))
+    scaled = [[inverse[j] * N[i][j] for j in range(i)] for i in range(n)]
+    # A^-1 = L^-1 D^-1 L^-T: row i, column j, j <= i
+    X = [[inverse[i] if i == j else scaled[i][j] for j in range(i + 1)] for i in range(n)]
+    for i in range(n):
+        for j in range(i + 1):
+            X[i][j] = X[i][j] + sum(scaled[i][k] * N[j][k] for k in range(j))
+    return np.stack([np.stack([X[max(i, j)][min(i, j)] for j in range(n)]) for i in range(n)])
+
+
+def _factors(A: Any) -> tuple[list[list[Any]], list[Any]]:
+    """L, whose rows i have entries for k < i below ones on the diagonal, and the inverse of the diagonal D: A = L^T D L."""
+    n = len(A)
+    L: list[list[Any]] = [[None] * i for i in range(n)]
+    scaled: list[list[Any]] = [[None] * i for i in range(n)]  # D L
+    inverse: list[Any] = [None] * n
+    for j in reversed(range(n)):
+        inverse[j] = 1 / (A[j, j] - sum(scaled[k][j] * L[k][j] for k in range(j + 1, n)))
+        for i in range(j):
+            scaled[j][i] = A[i, j] - sum(scaled[k][i] * L[k][j] for k in range(j + 1, n))
+            L[j][i] = scaled[j][i] * inverse[j]
+    return L, inverse

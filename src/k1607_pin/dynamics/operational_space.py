@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgesvd
 
-from k1607_pin.dynamics.linear import solve_definite
+from k1607_pin.dynamics.linear import inverse_definite, solve_definite
 from k1607_pin.dynamics.rigid_body import (
     Body,
     coriolis_matrix,
@@ -66,8 +66,7 @@ def operational_space(
     if damping:
         # 1/m = tr(J M^-1 J^T) / tr(J J^T) carries lambda over from J J^T + lambda^2 I, where it is a share of J's own scale.
         mobility = mobility + damping * damping * np.trace(mobility) / np.trace(np.dot(J, J.T)) * _I6
-    Lambda = solve_definite(mobility, _I6)
-    Lambda = (Lambda + Lambda.T) / 2
+    Lambda = inverse_definite(mobility)
     J_bar = np.dot(M_inverse_JT, Lambda)  # (n, 6)
     velocity_force = np.dot(J_bar.T, C) - np.dot(Lambda, J_dot)  # (6, n)
     p = np.dot(J_bar.T, g)
