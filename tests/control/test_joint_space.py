@@ -138,14 +138,23 @@ def test_the_same_calls_run_any_arm(name):
 
 
 def test_one_arm_s_rates_run_another_s_gains_away():
-    """Weight unknown to the law: with what the K-1607 bears, in proportion to K(0), the xArm7 is lost; not with its own."""
+    """Weight unknown to the law: with what the K-1607 bears, in proportion to K(0), the xArm7 is lost; not with its own.
+
+    How far it is thrown is chaos, which another processor's rounding changes: the worst of three loops that hardly differ.
+    """
     case = study_case(1, "recommended", k1607.load_example("xarm7"))
     arm, practice = case.plant.arm, Practice(torque_limit=case.plant.arm.effort_limit)
     gains, model = gains_from_mass(arm, case.q0, 150.0), model_from_mass(arm, case.q0, 150.0)
     own = np.array(adaptation_rates(gains, model, arm.gravity_torque(case.q0), 10.0)) / 150.0**2
-    worst = [np.abs(closed(case, 0.001, 150.0, rates, practice, 0.9).error[:, :3]).max() for rates in ((3e5, 1e4), own)]
-    assert worst[0] > 0.1  # m
-    assert worst[1] < 1e-3
+
+    def worst(rates, *omegas):
+        logs = (closed(case, 0.001, omega, rates, practice, 0.9) for omega in omegas)
+        return max(float(np.abs(log.error[:, :3]).max()) for log in logs)
+
+    assert worst((5e4, 1e4), 148.0, 150.0, 152.0) > 0.1  # m
+    assert worst(own, 150.0) < 1e-3
+    borne = closed(study_case(1, "recommended", control_period=0.002), 0.002, 175.0, (5e4, 1e4))
+    assert np.abs(borne.error[:, :3]).max() < 1e-3
 
 
 def test_adaptation_makes_up_for_soft_gains():

@@ -40,7 +40,7 @@ class Diagnosis:
     """its version, or "none" """
     lanes: int
     cache: str
-    """folder of built libraries"""
+    """folder of traced loops and built libraries"""
     cache_bytes: int
     cache_writable: bool
     environment: dict[str, str]
@@ -57,7 +57,7 @@ def diagnose() -> Diagnosis:
     """Look at the machine, and run the K-1607's Cartesian scheme for a moment: a second or so."""
     made, folder = compiler(), cache_folder()
     apart, step = _measured(2048 if made else 16)
-    built = list(folder.glob("*.so")) if folder.is_dir() else []
+    built = [*folder.glob("*.so"), *folder.glob("*.json")] if folder.is_dir() else []
     existing = next(x for x in (folder, *folder.parents) if x.exists())
     writable, kind = os.access(existing, os.W_OK), instructions()
     verdict = []

@@ -88,7 +88,7 @@ class Interpreter:
         return self._call("finish", {**now, "more": k})
 
     def _noise(self, seeds: np.ndarray, sample: int, count: int) -> np.ndarray:
-        sources = [source.size for _, source, _ in self._loop.law_tables.noise]
+        sources = [source.size for _, source in self._loop.law_tables.noise]
         columns = [
             np.concatenate(
                 [standard_normal(int(seed), sample, size) for seed, size in zip(seeds[i], sources, strict=True)]

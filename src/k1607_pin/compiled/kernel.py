@@ -15,7 +15,7 @@ SHARED = INPUTS.index("shared")
 
 def source(loop: ClosedLoop, lanes: int) -> str:
     """C of the whole kernel, for ``lanes`` side by side."""
-    noise = [source.size for _, source, _ in loop.law_tables.noise]
+    noise = [source.size for _, source in loop.law_tables.noise]
     programs = loop.programs
     sizes = {
         "N": loop.n,

@@ -11,7 +11,8 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled import emit
 from k1607_pin.compiled.build import compiler, library
-from k1607_pin.compiled.closed_loop import INPUTS, Setup, traced
+from k1607_pin.compiled.closed_loop import INPUTS, Setup
+from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import SHARED, resource
 from k1607_pin.compiled.leaves import Layout
 from k1607_pin.compiled.results import variables_of
@@ -47,7 +48,7 @@ class Native:
         n = plant.arm.n
         logged = [name for name in variables_of(controller) if name in self.variables]
         state = None if hasattr(controller, "initial") else controller.start(np.zeros(n), np.zeros(n), 1.0)
-        loop = traced(setup, (), {}, logged, state)
+        loop = kept(setup, (), {}, logged, state)
         self._n, self._state, self._tables = n, loop.state, loop.law_tables
         sizes = [int(np.prod(shape)) for _, shape in loop.logged]
         ends = np.cumsum([0, *sizes]).tolist()

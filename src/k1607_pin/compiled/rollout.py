@@ -14,8 +14,9 @@ import xarray as xr
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import compiler
-from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals, traced
+from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals
 from k1607_pin.compiled.interpreted import Interpreter
+from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import Kernel, source
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
 from k1607_pin.compiled.leaves import lasts, numbers, replaced
@@ -170,7 +171,7 @@ class Rollouts:
         if not hasattr(controller, "initial"):
             still = np.zeros(self.setup.plant.arm.n)
             self._state = controller.start(still, still, self.duration)
-        self.loop = traced(self.setup, self.varied, self.metrics, self.logged, self._state)
+        self.loop = kept(self.setup, self.varied, self.metrics, self.logged, self._state)
         made = compiler()
         self.engine = Kernel(self.loop, made) if made else Interpreter(self.loop)
         times = np.arange(self.samples + 1) * self.period
@@ -224,7 +225,7 @@ class Rollouts:
             columns.append(self._given_states(values, count))
         inputs = in_lanes(columns, blocks, W)
         seeds = np.zeros((blocks, len(self.loop.law_tables.noise), W), dtype=np.int64)
-        for k, (name, _, _) in enumerate(self.loop.law_tables.noise):
+        for k, (name, _) in enumerate(self.loop.law_tables.noise):
             seeds[:, k] = in_lanes([rows_of(values[name], count)], blocks, W)[:, 0]
         plan = self.plan()
         results = np.empty((blocks, 2 * n + len(self.loop.reducers) + REST, W))

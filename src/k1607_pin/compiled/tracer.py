@@ -13,6 +13,7 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.leaves import Layout, substituted
 from k1607_pin.compiled.program import Program
+from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.traced_regressor import TracedRegressor
 from k1607_pin.control.baselines import Regressor
@@ -21,31 +22,6 @@ from k1607_pin.simulation.noise import WhiteNoise
 
 class TracingError(TypeError):
     """Something that cannot be compiled, and which operation stands in the way."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A function of time that symbols stand for: evaluated at every sample before a run, the same for all lanes."""
-
-    name: str
-    fun: Callable[[float], Any]
-    at: ca.Function
-    """Time of the sample [s] -> the time that the function is asked for"""
-    at_once: bool
-    """Whether that is the time of the sample itself"""
-    layout: Layout
-    first: int
-    """Of its symbols among those of all tables"""
-
-    def one(self, t: float) -> Any:
-        """What the function gives at the sample at time t [s]."""
-        return self.fun(t if self.at_once else float(self.at(t)))
-
-    def values(self, times: np.ndarray) -> np.ndarray:
-        """(len(times), size)"""
-        asked = self.at(times[None, :]).full().ravel()
-        rows = [self.layout.flat(self.fun(float(t))) for t in asked]
-        return np.array(rows, dtype=float).reshape(len(times), self.layout.size)
 
 
 class Tracer:
@@ -73,7 +49,7 @@ class Tracer:
         if is_dataclass(x) and not isinstance(x, type) and (callable(x) or hasattr(x, "of_time")):
             inside = self.inside(x, name, symbols)
         if callable(x) and not isinstance(x, type) and not symbols:
-            return _OfTime(self, name, x, inside)
+            return OfTime(self, name, x, inside)
         return inside
 
     def inside(self, x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
@@ -85,7 +61,7 @@ class Tracer:
         for key, child in vars(x).items():
             object.__setattr__(made, key, substituted(child, symbols, self.stand_in, f"{name}.{key}"))
         for key in getattr(x, "of_time", ()):
-            object.__setattr__(made, key, _OfTime(self, f"{name}.{key}", getattr(x, key), None))
+            object.__setattr__(made, key, OfTime(self, f"{name}.{key}", getattr(x, key), None))
         return made
 
     def table(self, name: str, fun: Callable[[float], Any], t: Any) -> Any:
@@ -93,32 +69,28 @@ class Tracer:
         at = ca.Function("at", [self._sx_time], [ca.SX(getattr(t, "_v", t))], {"allow_free": True})
         if at.has_free():
             raise TracingError(f"{name}: expected to be called at a time, got {t}, which depends on {at.get_free()}")
+        asked = at(self._sx_time)
         for table, symbols in zip(self.tables, self.table_symbols, strict=True):
-            if table.name == name and ca.is_equal(table.at(self._sx_time), at(self._sx_time), 10):
+            if table.name == name and ca.is_equal(asked, table.at(self._sx_time) if table.at else self._sx_time, 10):
                 return table.layout.rebuilt(symbols)
         layout = Layout(fun(0.0))
         first = sum(table.layout.size for table in self.tables)
-        at_once = bool(ca.is_equal(at(self._sx_time), self._sx_time, 10))
-        self.tables.append(Table(name, fun, at, at_once, layout, first))
+        at_once = bool(ca.is_equal(asked, self._sx_time, 10))
+        self.tables.append(Table(name, fun, None if at_once else at, layout, first))
         self.table_symbols.append(symbol_array(name, (layout.size,)))
         return layout.rebuilt(self.table_symbols[-1])
-
-    @property
-    def size(self) -> int:
-        """How many numbers `shared_inputs` are."""
-        return 1 + sum(table.layout.size for table in self.tables)
 
     def shared_inputs(self) -> Any:
         """(1 + k, 1) SX: the time and what all tables give."""
         return ca.vertcat(self._sx_time, *(x._v if hasattr(x, "_v") else x for x in map(_column, self.table_symbols)))
 
-    def shared_values(self, times: np.ndarray) -> np.ndarray:
-        """(len(times), 1 + k), what `shared_inputs` stands for."""
-        return np.concatenate([times[:, None], *(table.values(times) for table in self.tables)], axis=1)
+    def collected(self) -> Tables:
+        """What of it a run needs."""
+        return Tables(tuple(self.tables), tuple((seed, source) for seed, source, _ in self.noise))
 
 
 @dataclass(frozen=True)
-class _OfTime:
+class OfTime:
     """A callable within something traced: a table where it is asked for a time alone, else traced through."""
 
     tracer: Tracer

@@ -1,10 +1,11 @@
 """What to do with the joints that the tool's task leaves over: keep to postures, without a force at the tool."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from k1607_pin.dynamics.linear import solve_definite
 
@@ -25,27 +26,47 @@ def hold(q: np.ndarray, omega: float) -> Posture:
     q = np.array(q, dtype=float)
     if q.ndim != 1 or not np.isfinite(q).all():
         raise ValueError(f"q: expected (n,) finite numbers in rad, got {q!r}")
-    wanted = q, np.zeros(len(q))
-    return Posture(lambda t: wanted, _positive(omega))
+    return Posture(Still(q), _positive(omega))
 
 
 def damp(n: int, rate: float) -> Posture:
     """No posture of n joints: what the task leaves over comes to rest as exp(-rate t), rate in 1/s, wherever it is."""
-    nowhere = np.zeros(n), np.zeros(n)
-    return Posture(lambda t: nowhere, 0.0, _positive(rate))
+    return Posture(Still(np.zeros(n)), 0.0, _positive(rate))
 
 
 def along(times: np.ndarray, postures: np.ndarray, omega: float) -> Posture:
     """Postures (N, n) rad at times (N,) s, smoothly in between and at rest at both ends, at omega [1/s]."""
     spline = CubicSpline(times, postures, bc_type="clamped")
-    rate = spline.derivative()
-    first, last = times[0], times[-1]
+    return Posture(Through(spline, spline.derivative(), times[0], times[-1]), _positive(omega))
 
-    def path(t: float) -> tuple[np.ndarray, np.ndarray]:
-        inside = min(max(t, first), last)
-        return spline(inside), rate(inside)
 
-    return Posture(path, _positive(omega))
+@dataclass(frozen=True, eq=False)
+class Still:
+    """One posture at all times."""
+
+    q: np.ndarray
+    """(n,) rad"""
+
+    def __call__(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Joint angles and velocities at time t [s]."""
+        return self.q, 0 * self.q
+
+
+@dataclass(frozen=True, eq=False)
+class Through:
+    """A curve of postures, at rest before it and after it."""
+
+    angles: PPoly
+    rates: PPoly
+    first: float
+    """s"""
+    last: float
+    """s"""
+
+    def __call__(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Joint angles and velocities at time t [s]."""
+        inside = min(max(t, self.first), self.last)
+        return self.angles(inside), self.rates(inside)
 
 
 def _positive(omega: float) -> float:

@@ -12,7 +12,7 @@ from k1607_pin.compiled.export.words import output_names
 from k1607_pin.compiled.leaves import Layout, is_named_tuple, is_number, numbers
 from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.trace import numpy_mode
-from k1607_pin.compiled.tracer import Tracer, TracingError, _OfTime, explained, symbol_array
+from k1607_pin.compiled.tracer import OfTime, Tracer, TracingError, explained, symbol_array
 from k1607_pin.control.adaptation import Gains
 
 ROOT = "controller"
@@ -103,7 +103,7 @@ class _Inputs(Tracer):
 
     def stand_in(self, x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
         made = super().stand_in(x, name, symbols)
-        return _Measurable(self, made) if isinstance(made, _OfTime) else made
+        return _Measurable(self, made) if isinstance(made, OfTime) else made
 
     def table(self, name: str, fun: Any, t: Any) -> Any:
         asked = column(t)
@@ -118,7 +118,7 @@ class _Measurable:
     """A callable: a measurement where it is asked for time, q and v."""
 
     tracer: _Inputs
-    of_time: _OfTime
+    of_time: OfTime
 
     def __call__(self, t: Any, *rest: Any) -> Any:
         if len(rest) != 2:
