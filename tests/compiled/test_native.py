@@ -1,5 +1,7 @@
 """A controller with its update run natively is the controller, to rounding."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from k1607_pin.compiled import build
 from k1607_pin.compiled.native import Native
 from k1607_pin.control.posture import hold
 from k1607_pin.control.practice import Practice
+from k1607_pin.paths.report_paths import Line
 
 pytestmark = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 
@@ -45,3 +48,35 @@ def test_without_a_compiler_it_says_so(law, monkeypatch):
             Native(law)
     finally:
         build.compiler.cache_clear()
+
+
+def test_a_path_that_traces_is_native(law):
+    assert Native(law)._asked == []
+
+
+@dataclass(frozen=True)
+class Awkward:
+    """A path that does not trace, or that gives something else when it is traced."""
+
+    path: Line
+    how: str
+
+    def __call__(self, t):
+        if self.how == "condition" and t < 0.1:
+            return self.path(0.0)
+        if self.how == "float":
+            return self.path(float(t))
+        if self.how == "other on symbols" and not isinstance(t, float):
+            return self.path(2 * t)
+        return self.path(t)
+
+
+@pytest.mark.parametrize("how", ["condition", "float", "other on symbols"])
+def test_a_path_that_does_not_is_asked(arm, law, q0, how):
+    awkward = replace(law, path=Awkward(law.path, how))
+    native = Native(awkward)
+    assert len(native._asked) == 1
+    state = native.start(q0, np.zeros(7), 1.0)
+    for t in (0.0, 0.05, 0.5):
+        ours, theirs = (x.update(t, q0, np.zeros(7), state)[0] for x in (native, awkward))
+        assert np.abs(ours - theirs).max() <= 1e-10 * max(np.abs(theirs).max(), 1e-3)

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
+from itertools import pairwise
 from types import FunctionType
 from typing import Any
 
@@ -121,6 +122,10 @@ class Layout:
     def __init__(self, sample: Any) -> None:
         self._sample = sample
         self.size = len(self.flat(sample))
+        shapes: list[tuple[int, ...]] = []
+        self.mapped(lambda x: shapes.append(np.shape(x)))
+        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)]).tolist()
+        self._leaves = [(slice(a, b), shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)]
 
     def flat(self, x: Any) -> list[Any]:
         """All numbers of x, in order; those of arrays row by row."""
@@ -154,14 +159,11 @@ class Layout:
 
     def rebuilt(self, vector: Any) -> Any:
         """The nest of the entries of ``vector`` (size,)."""
-        taken = 0
+        leaves = iter(self._leaves)
 
-        def number(x: Any) -> Any:
-            nonlocal taken
-            size = int(np.size(x))
-            part = vector[taken : taken + size]
-            taken += size
-            return np.reshape(part, np.shape(x)) if np.ndim(x) else part[0]
+        def number(_: Any) -> Any:
+            where, shape = next(leaves)
+            return np.reshape(vector[where], shape) if shape else vector[where.start]
 
         return self.mapped(number)
 

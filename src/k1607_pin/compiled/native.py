@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
@@ -15,7 +16,12 @@ from k1607_pin.compiled.closed_loop import INPUTS, Setup
 from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import SHARED, resource
 from k1607_pin.compiled.leaves import Layout
+from k1607_pin.compiled.order import in_order
+from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.results import variables_of
+from k1607_pin.compiled.tables import Table, Tables
+from k1607_pin.compiled.trace import numpy_mode
+from k1607_pin.compiled.tracer import column, symbol_array
 from k1607_pin.simulation.integrators import semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import PayloadSchedule
@@ -24,7 +30,7 @@ from k1607_pin.simulation.schedule import PayloadSchedule
 class Native:
     """Stands in for a controller, in `simulate` and in front of a robot. Not for many threads at once.
 
-    Functions of time are still asked in Python, at every update.
+    Functions of time are native where they trace; else they are asked in Python, at every update.
 
     Raises
     ------
@@ -53,8 +59,11 @@ class Native:
         sizes = [int(np.prod(shape)) for _, shape in loop.logged]
         ends = np.cumsum([0, *sizes]).tolist()
         self._rows = [(*logged, a, b) for logged, (a, b) in zip(loop.logged, pairwise(ends), strict=True)]
-        law = loop.programs["law"]
-        text = f"#define W 1\n{resource('lanes.h')}\n{emit.function('law', law, len(INPUTS), (SHARED,))}\n" + _ENTRY
+        native, self._asked = _functions_of_time(loop.law_tables)
+        functions = [emit.function("law", loop.programs["law"], len(INPUTS), (SHARED,))]
+        functions += [emit.function(f"table{first}", p, 1) for first, p in native]
+        calls = "\n".join(f"  table{first}(shared, shared + {1 + first});" for first, _ in native)
+        text = "\n".join(["#define W 1", resource("lanes.h"), *functions, _ENTRY % calls])
         self._run = library(text, replace(made, lanes=1)).tick
         self._run.restype = None
         self._shared = np.zeros(loop.law_tables.size)
@@ -62,10 +71,6 @@ class Native:
         self._out, self._log = np.zeros(loop.state.size + 1), np.zeros(ends[-1] + 1)
         arrays = (self._shared, self._q, self._v, self._in, self._tau, self._out, self._log)
         self._arguments = [ctypes.c_void_p(a.ctypes.data) for a in arrays]
-        self._asked: list[tuple[Callable[[float], Any], Layout, slice]] = []
-        for table in loop.law_tables.tables:
-            first = 1 + table.first
-            self._asked.append((table.one, table.layout, slice(first, first + table.layout.size)))
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> Any:
         """The controller's own."""
@@ -84,10 +89,46 @@ class Native:
         return self._tau.copy(), self._state.rebuilt(self._out.copy()), log
 
 
+def _functions_of_time(
+    tables: Tables,
+) -> tuple[list[tuple[int, Program]], list[tuple[Callable[[float], Any], Layout, slice]]]:
+    """Place among all tables and program of time, of those that trace; function, layout and place of the others."""
+    native: list[tuple[int, Program]] = []
+    asked: list[tuple[Callable[[float], Any], Layout, slice]] = []
+    for table in tables.tables:
+        found = _traced(table)
+        if found:
+            native.append((table.first, found))
+        else:
+            asked.append((table.one, table.layout, slice(1 + table.first, 1 + table.first + table.layout.size)))
+    return native, asked
+
+
+def _traced(table: Table) -> Program | None:
+    """The function as a program of time, if it traces, and then gives what it gives on numbers."""
+    with numpy_mode():
+        t = symbol_array("t", (1,))
+        try:
+            flat = column(table.layout.flat(table.fun(t[0])))
+        except Exception:  # whatever stands in the way: it is asked in Python then
+            return None
+    of_time = ca.Function("f", [t._v], [ca.densify(flat)], {"cse": True})
+    asked = TIMES if table.at is None else table.at(TIMES[None]).full().ravel()
+    found, wanted = of_time(asked[None]).full().T, table.values(TIMES)
+    if found.shape != wanted.shape or not np.allclose(found, wanted, 1e-13, 1e-13 * np.abs(wanted).max(initial=0.0)):
+        return None
+    at = ca.SX.sym("t")
+    return in_order(program(ca.Function("f", [at], [of_time(table.at(at) if table.at else at)], {"cse": True})))
+
+
+TIMES = np.concatenate([np.linspace(0.0, 100.0, 1009), np.geomspace(1e-6, 1e4, 200)])
+"""s: where a function of time must give the same traced as on numbers"""
+
 _ENTRY = """
-void tick(const double *shared, const V *q, const V *v, const V *state, V *tau, V *after, V *row)
+void tick(double *shared, const V *q, const V *v, const V *state, V *tau, V *after, V *row)
 {
   V none[1];
+%s
   law(shared, q, v, 0, state, 0, 0, 0, 0, 0, tau, after, none, row);
 }
 """
