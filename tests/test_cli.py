@@ -20,7 +20,7 @@ from k1607_pin.report.comparison_figures import table
 from k1607_pin.report.rows import loaded
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("urdf", "equations", "reproduce", "simulate", "compare", "sweep", "drift", "export", "doctor", "view")
+COMMANDS = [command.callback.__name__ for command in cli.app.registered_commands]
 
 
 def k1607(*arguments: str, **options) -> subprocess.CompletedProcess:

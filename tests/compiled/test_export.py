@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import k1607_pin as k1607
-from k1607_pin import cli
 from k1607_pin.arm.ready import ready_postures
+from k1607_pin.cli.compiled import export as export_command
 from k1607_pin.compiled.export import export
 from k1607_pin.compiled.export.function import fields
 from k1607_pin.compiled.export.law import exported_law
@@ -283,7 +283,7 @@ def test_the_same_again_from_the_command_line(tmp_path):
 )
 def test_the_command_line_refuses_what_there_is_not(tmp_path, law, period, words):
     with pytest.raises(ValueError, match=words):
-        cli.export(tmp_path / "none", robot="ur5", law=[law], function=None, period=period, prefix=None)
+        export_command(tmp_path / "none", robot="ur5", law=[law], function=None, period=period, prefix=None)
     assert not (tmp_path / "none").exists()
 
 
