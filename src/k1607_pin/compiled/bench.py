@@ -43,7 +43,8 @@ def bench(
 
     Parameters
     ----------
-    count : rollouts a round, and a sixteenth of the states; rounds : of which medians are taken; done : told each piece of work that has been timed.
+    count : rollouts a round, and a sixteenth of the states; rounds : of which medians are taken.
+    done : told each piece of work that has been timed.
 
     Raises
     ------
