@@ -24,7 +24,8 @@ SIGNALS = {
     "distance": lambda log: np.sqrt(np.sum(log["error"][:3] ** 2)),
     "lost": lambda log: np.where(log["distance"] > LOST, log["t"], np.inf),  # s, of the samples where it is
 }
-FEW = 12  # values along an axis: as many ticks, and crosses where it is lost
+FEW = 12  # values along an axis: crosses where it is lost
+TICKS = 8  # values along an axis: as many ticks
 
 
 def stability_map(
@@ -116,7 +117,7 @@ def figure_stability(result: xr.Dataset) -> Figure:
             axes.set_ylim(omegas.min() / 1.3, omegas.max() * 1.3)
         else:
             axes.set_ylim(omegas.min(), omegas.max())
-        ticks = periods if len(periods) <= FEW else np.array([1, 2, 5, 10, 20, 50, 100.0])
+        ticks = periods if len(periods) <= TICKS else np.array([1, 2, 5, 10, 20, 50, 100.0])
         ticks = ticks[(ticks >= periods.min()) & (ticks <= periods.max())]
         axes.set_xticks(ticks, [f"{T:g}" for T in ticks], minor=False)
         axes.set_xticks([], minor=True)
