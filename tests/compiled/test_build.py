@@ -10,6 +10,7 @@ import pytest
 
 import k1607_pin as k1607
 from k1607_pin.compiled import build
+from k1607_pin.compiled.doctor import diagnose
 from k1607_pin.compiled.rollout import forget
 
 pytestmark = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
@@ -120,3 +121,24 @@ def test_what_the_compiler_says_is_told(fresh):
     with pytest.raises(build.BuildError, match="error"):
         build.library("this is no C", build.compiler())
     assert not [file for file in Path(fresh).iterdir() if file.suffix != ".so"]
+
+
+def test_cc_may_have_options_and_spaces(arm, law, q0, fresh, monkeypatch, tmp_path):
+    folder = tmp_path / "with space"
+    folder.mkdir()
+    compiler = folder / "my cc"
+    compiler.symlink_to(Path(build.compiler().command[0]).resolve())
+    build.compiler.cache_clear()
+    monkeypatch.setenv("CC", f"'{compiler}' -DMINE=1")
+    made = build.compiler()
+    assert made.command[:2] == (str(compiler), "-DMINE=1")
+    assert np.isfinite(k1607.rollout(arm, law, q0, **SETTINGS).q.values).all()
+
+
+@pytest.mark.parametrize("asked", ["nowhere-cc", "false"])
+def test_a_cc_that_does_not_build_is_told(fresh, monkeypatch, caplog, asked):
+    monkeypatch.setenv("CC", asked)
+    build.compiler.cache_clear()
+    assert build.compiler() is not None
+    assert f"CC={asked} cannot build" in caplog.text
+    assert any(f"CC={asked} cannot build" in text for text in diagnose().verdict)

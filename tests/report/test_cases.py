@@ -162,11 +162,11 @@ def test_what_a_number_rests_on_is_read_off_the_rows():
 
     base = np.ones(16)
     rows = {"as chosen": base} | {f"{name} {s}": base.copy() for name in NAMES for s in "-+"}
-    rows["K_p +"] = np.r_[1.3, np.ones(15)]
+    rows["K_p x +"] = np.r_[1.3, np.ones(15)]
     rows["friction -"] = np.r_[0.5, np.ones(15)]
     rows["armature -"] = np.full(16, np.nan)
     text = rests_on(rows)
-    assert text[0] == "friction, K_p; lost with armature -"
+    assert text[0] == "friction, K_p x; lost with armature -"
     assert text[1] == "none by itself; lost with armature -"
 
 

@@ -66,7 +66,7 @@ def test_values_go_into_the_table_and_come_out_again(committed):
     values = values_of(committed) * 0.9
     made = with_values(committed, values, np.zeros((2, 7)))
     assert np.allclose(values_of(made), values)
-    assert values_of(committed)[0] == committed["gains"]["K_p_N_m"]  # untouched
+    assert values_of(committed)[0] == committed["gains"]["K_p_x_N_m"]  # untouched
 
 
 def test_angles_are_the_rotations():
@@ -113,7 +113,8 @@ def test_the_strategy_finds_a_bent_valley():
 def truth(committed):
     """A set of our own, the numbers it would have published, and a start beside it."""
     start = copy.deepcopy(committed)
-    start["gains"]["K_d_N_s_m"] *= 0.6
+    start["gains"]["K_d_x_N_s_m"] *= 0.6
+    start["gains"]["K_d_y_N_s_m"] *= 0.6
     start["gains"]["beta_2"] *= 1.3
     candidates = Candidates(committed, 0.0025, threads=1)
     numbers = candidates(values_of(committed)[None]).ratios[0] * published_errors()

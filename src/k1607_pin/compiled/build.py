@@ -4,14 +4,19 @@ import ctypes
 import functools
 import hashlib
 import importlib.util
+import logging
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+logger = logging.getLogger(__name__)
 
 FLAGS = (
     "-std=gnu11",
@@ -84,23 +89,37 @@ def _cpu_flags() -> set[str]:
 
 @functools.cache
 def compiler() -> Compiler | None:
-    """The first that compiles: $CC, cc, gcc, clang, the ziglang package; None where there is none.
+    """The first that compiles: $CC (options and all), cc, gcc, clang, the ziglang package; None where there is none.
 
     The variable K1607_COMPILER=none hides them all.
     """
     if os.environ.get("K1607_COMPILER") == "none":
         return None
     wide = instructions()
-    candidates = [os.environ.get("CC"), "cc", "gcc", "clang"]
-    commands: list[tuple[str, ...]] = [(path,) for name in candidates if name and (path := shutil.which(name))]
-    if importlib.util.find_spec("ziglang"):
-        commands.append((sys.executable, "-m", "ziglang", "cc"))
-    for command in commands:
+    for command in _commands():
         for kind in (wide, "plain"):
             made = Compiler((*command, *FLAGS, *TARGETS[kind]), WIDTHS[kind], kind, _version(command))
             if _works(made):
+                if refused := refused_cc(made):
+                    logger.warning("%s", refused)
                 return made
     return None
+
+
+def _commands() -> Iterator[tuple[str, ...]]:
+    for name, *options in (shlex.split(os.environ.get("CC") or "cc"), ["cc"], ["gcc"], ["clang"]):
+        if path := shutil.which(name):
+            yield path, *options
+    if importlib.util.find_spec("ziglang"):
+        yield sys.executable, "-m", "ziglang", "cc"
+
+
+def refused_cc(made: Compiler) -> str:
+    """That another compiler than $CC is used, if one is."""
+    asked = shlex.split(os.environ.get("CC", ""))
+    if not asked or made.command[0] == shutil.which(asked[0]):
+        return ""
+    return f"CC={os.environ['CC']} cannot build for this machine: {made.command[0]} is used"
 
 
 def _version(command: tuple[str, ...]) -> str:

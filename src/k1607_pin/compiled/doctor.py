@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from k1607_pin.arm.load import load_k1607
-from k1607_pin.compiled.build import cache_folder, compiler, instructions
+from k1607_pin.compiled.build import cache_folder, compiler, instructions, refused_cc
 from k1607_pin.compiled.lanes import processors
 from k1607_pin.compiled.rollout import forget, rollouts
 from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
@@ -71,6 +71,8 @@ def diagnose() -> Diagnosis:
         verdict.append("two lanes alone: the processor has neither AVX2 nor NEON, or K1607_INSTRUCTIONS says so")
     elif step > ENOUGH:
         verdict.append(f"slower than {ENOUGH * 1e9:.0f} ns a step: is the machine busy?")
+    if made and (refused := refused_cc(made)):
+        verdict.append(refused)
     if not writable:
         verdict.append(f"{folder} cannot be written: every process builds anew; set K1607_CACHE to a folder that can")
     if not apart < AGREE:

@@ -112,8 +112,8 @@ class Candidates:
         zero, arm = 0 * x["z0"], self.cases[number].plant.arm
         z0 = x["z0"] * INCH
         vary = {
-            "controller.gains.K_p": _diagonal(x["K_p"], x["K_p z"], x["K_p rot"]),
-            "controller.gains.K_d": _diagonal(x["K_d"], x["K_d z"], x["K_d rot"]),
+            "controller.gains.K_p": _diagonal(*(x[f"K_p {axis}"] for axis in ("x", "y", "z", "rot"))),
+            "controller.gains.K_d": _diagonal(*(x[f"K_d {axis}"] for axis in ("x", "y", "z", "rot"))),
             "controller.beta_1": x["beta_1"],
             "controller.beta_2": x["beta_2"],
             "controller.rotation": rotation(x["elevation"], x["azimuth"], x["roll"]),
@@ -155,6 +155,6 @@ class Candidates:
         return self._loops[number, duration]
 
 
-def _diagonal(xy: np.ndarray, z: np.ndarray, turning: np.ndarray) -> np.ndarray:
+def _diagonal(x: np.ndarray, y: np.ndarray, z: np.ndarray, turning: np.ndarray) -> np.ndarray:
     """(N, 6, 6)"""
-    return np.stack([xy, xy, z, turning, turning, turning], axis=-1)[..., None] * np.eye(6)
+    return np.stack([x, y, z, turning, turning, turning], axis=-1)[..., None] * np.eye(6)

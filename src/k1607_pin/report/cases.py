@@ -160,7 +160,7 @@ def as_published(
     q0 = _posture_at(arm, path(0.0).position, rotation, np.deg2rad(start[f"case{number}_deg"]))
     T = choices["control_period_s"] if period is None else period
     six = [
-        np.diag([gains[f"{K}_{units[0]}"]] * 2 + [gains[f"{K}_z_{units[0]}"]] + [gains[f"{K}_{units[1]}"]] * 3)
+        np.diag([gains[f"{K}_{axis}_{units[0]}"] for axis in "xyz"] + [gains[f"{K}_{units[1]}"]] * 3)
         for K, units in (("K_p", ("N_m", "N_m_rad")), ("K_d", ("N_s_m", "N_m_s_rad")))
     ]
     law = CartesianAdaptive(arm, path, rotation, Gains(*six), section_7_2(), gains["beta_1"], gains["beta_2"], T)

@@ -27,10 +27,12 @@ class Unknown:
 
 
 UNKNOWNS = (
-    Unknown("K_p", ("gains", "K_p_N_m"), "N/m", 100.0, 50e3, 2.0, True, (500, 8000)),
+    Unknown("K_p x", ("gains", "K_p_x_N_m"), "N/m", 100.0, 50e3, 2.0, True, (500, 8000)),
+    Unknown("K_p y", ("gains", "K_p_y_N_m"), "N/m", 100.0, 50e3, 2.0, True, (500, 8000)),
     Unknown("K_p z", ("gains", "K_p_z_N_m"), "N/m", 100.0, 200e3, 2.0, True, (800, 30000)),
     Unknown("K_p rot", ("gains", "K_p_N_m_rad"), "N m/rad", 50.0, 50e3, 2.0, True, (300, 15000)),
-    Unknown("K_d", ("gains", "K_d_N_s_m"), "N s/m", 1.0, 5e3, 2.0, True, (50, 1500)),
+    Unknown("K_d x", ("gains", "K_d_x_N_s_m"), "N s/m", 1.0, 5e3, 2.0, True, (50, 1500)),
+    Unknown("K_d y", ("gains", "K_d_y_N_s_m"), "N s/m", 1.0, 5e3, 2.0, True, (50, 1500)),
     Unknown("K_d z", ("gains", "K_d_z_N_s_m"), "N s/m", 1.0, 10e3, 2.0, True, (100, 2000)),
     Unknown("K_d rot", ("gains", "K_d_N_m_s_rad"), "N m s/rad", 0.01, 2e3, 3.0, True, (0.05, 200)),
     Unknown("beta_1", ("gains", "beta_1"), "", 0.1, 1e6, 4.0, True, (1, 10000)),
