@@ -14,6 +14,8 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
+            file.flush()
+            os.fsync(file.fileno())  # else a crash may leave the new name with none of the content
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(name, 0o666 & ~umask)  # mkstemp makes it private; give it what open() would

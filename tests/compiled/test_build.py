@@ -98,29 +98,72 @@ def test_many_processes_may_build_at_once(fresh):
     )
     running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=os.environ) for _ in range(4)]
     assert [p.communicate()[0].strip() for p in running] == [b"7"] * 4
-    assert all(file.suffix == ".so" for file in fresh.iterdir())
+    assert all(file.suffix in (".so", ".sha256") for file in fresh.iterdir())
 
 
-def test_a_cache_that_may_not_be_written(arm, law, q0, fresh, monkeypatch):
-    monkeypatch.setenv("K1607_CACHE", "/proc/nowhere")
-    assert np.isnan(k1607.rollout(arm, law, q0, 0.05).failed_at).all()
+@pytest.mark.parametrize("kind", ["no folder", "a file", "not executable"])
+def test_a_cache_that_cannot_be_used_is_told_and_no_obstacle(arm, law, q0, fresh, monkeypatch, caplog, tmp_path, kind):
+    folder = Path("/proc/nowhere") if kind == "no folder" else tmp_path / "other"
+    if kind == "a file":
+        folder.write_text("")
+    if kind == "not executable":  # as on a file system mounted noexec
+        load = build.ctypes.CDLL
+
+        def refused(name):
+            if name.startswith(str(folder)):
+                raise OSError("failed to map segment from shared object")
+            return load(name)
+
+        monkeypatch.setattr(build.ctypes, "CDLL", refused)
+    monkeypatch.setenv("K1607_CACHE", str(folder))
+    for cached in (build.compiler, build._tell):
+        cached.cache_clear()
+    forget()
+    assert "lanes" in k1607.rollout(arm, law, q0, 0.05).attrs["engine"]
+    assert caplog.text.count("cannot be kept in") == 1
 
 
-def test_a_damaged_file_in_the_cache_is_built_anew(arm, law, q0, fresh):
-    k1607.rollout(arm, law, q0, 0.05)
+DAMAGE = {
+    "empty": lambda x: b"",
+    "a hundred bytes": lambda x: x[:100],
+    "a page": lambda x: x[:4096],
+    "half": lambda x: x[: len(x) // 2],
+    "no end": lambda x: x[:5000] + bytes(len(x) - 5000),
+    "one bit": lambda x: x[:9000] + bytes([x[9000] ^ 1]) + x[9001:],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_file_in_the_cache_is_built_anew(arm, law, q0, fresh, damage):
+    first = k1607.rollout(arm, law, q0, 0.05)
     forget()
     build.compiler.cache_clear()
-    for file in fresh.iterdir():
+    files = list(fresh.glob("*.so"))
+    for file in files:
         damaged = file.with_name("damaged")
-        damaged.write_bytes(file.read_bytes()[:100])
+        damaged.write_bytes(DAMAGE[damage](file.read_bytes()))
         damaged.replace(file)  # loaded ones keep what they have
-    assert np.isnan(k1607.rollout(arm, law, q0, 0.05).failed_at).all()
+    assert k1607.rollout(arm, law, q0, 0.05).identical(first)
+    assert all(map(build._whole, files))
+
+
+def test_what_a_killed_build_has_left_is_cleared_away(fresh):
+    left, running = fresh / f"{build.BUILDING}left", fresh / f"{build.BUILDING}running"
+    left.mkdir(parents=True)
+    running.mkdir()
+    os.utime(left, (0, 0))
+    assert build.compiler()
+    assert not left.exists()
+    assert running.exists()
 
 
 def test_what_the_compiler_says_is_told(fresh):
     with pytest.raises(build.BuildError, match="error"):
         build.library("this is no C", build.compiler())
-    assert not [file for file in Path(fresh).iterdir() if file.suffix != ".so"]
+    assert {file.suffix for file in Path(fresh).iterdir()} == {
+        ".so",
+        ".sha256",
+    }  # of the one that tells whether it works
 
 
 def test_cc_may_have_options_and_spaces(arm, law, q0, fresh, monkeypatch, tmp_path):

@@ -21,7 +21,8 @@ HAVE = (
 KINDS = list(dict.fromkeys(HAVE))
 BINARY = {"fmin", "fmax", "pow", "atan2", "fmod", "hypot", "copysign"}
 NAMES = {
-    "fabs": "abs", "pow": "power", "atan2": "arctan2", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "asinh": "arcsinh",
+    "fabs": "abs", "fmin": "minimum", "fmax": "maximum",
+    "pow": "power", "atan2": "arctan2", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "asinh": "arcsinh",
     "acosh": "arccosh", "atanh": "arctanh",
 }  # fmt: skip
 SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, 1e-300, -1e-300, 1e-8, 710.0, -750.0, 1e300, np.inf, -np.inf, np.nan])

@@ -1,6 +1,7 @@
 """Compiled rollouts are `simulate`, many at once."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -301,3 +302,32 @@ def test_progress_ends_with_one(arm, law, q0):
     assert told == sorted(told)
     assert told[-1] == 1
     assert len(told) > 5
+
+
+@dataclass(frozen=True)
+class Pulled:
+    """A law with a function of one's own in it."""
+
+    arm: k1607.Arm
+    pull: Any
+
+    def start(self, q, v, duration):
+        return None
+
+    def update(self, t, q, v, state):
+        return self.pull(v), state, {}
+
+
+def test_what_a_function_of_one_s_own_reads_may_change(arm, q0):
+    gain = np.array([1.0])
+    law = Pulled(arm, lambda v: -gain[0] * v)
+    signals = {"pull": lambda log: gain[0] * log["t"]}
+    ends = []
+    for x in (1.0, 50.0):
+        gain[0] = x
+        run = k1607.rollout(arm, law, q0, 0.1, np.ones(7), signals=signals, metrics={"pull": "last"})
+        reference = k1607.simulate(arm, law, q0, 0.1, np.ones(7))
+        np.testing.assert_allclose(run.q_end.values[0], reference.q.values[-1], atol=1e-9)
+        assert run.pull_last.values[0] == pytest.approx(0.1 * x)
+        ends.append(run.q_end.values)
+    assert np.abs(ends[0] - ends[1]).max() > 1e-3

@@ -1,5 +1,7 @@
 """From C text to a loaded library: which compiler, how wide, and a cache that many processes may share."""
 
+import atexit
+import contextlib
 import ctypes
 import functools
 import hashlib
@@ -12,9 +14,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+from k1607_pin.files import write_atomically
 
 logger = logging.getLogger(__name__)
 
@@ -154,31 +159,60 @@ def cache_folder() -> Path:
 def library(text: str, made: Compiler) -> ctypes.CDLL:
     """The library of a C text, built or from the cache.
 
-    The name is a hash of text, compiler, and processor; it appears whole or not at all, so that processes may build at once.
+    The name is a hash of text, compiler, and processor; it appears whole or not at all, so that processes may build at once, and
+    is loaded only if its bytes are those that were built. Where the folder cannot be used, one is that ends with the process.
     """
     key = "\0".join([text, *made.command, made.version, platform.machine(), " ".join(sorted(_cpu_flags()))])
     name = hashlib.sha256(key.encode()).hexdigest()[:32]
-    folder = cache_folder()
-    file = folder / f"{name}.so"
     try:
-        if not file.exists():
-            folder.mkdir(parents=True, exist_ok=True)
-            _build(text, made, file)
-    except (PermissionError, FileNotFoundError, NotADirectoryError):  # a home that may not be written
-        file = Path(tempfile.mkdtemp(prefix="k1607-pin-")) / file.name
+        return _loaded(text, made, cache_folder() / f"{name}.so")
+    except OSError as error:
+        _tell(f"libraries cannot be kept in {cache_folder()}: {error}; every process builds anew, or set K1607_CACHE")
+        return _loaded(text, made, _folder_of_this_process() / f"{name}.so")
+
+
+def _loaded(text: str, made: Compiler, file: Path) -> ctypes.CDLL:
+    if not _whole(file):
         _build(text, made, file)
+    return ctypes.CDLL(str(file))
+
+
+def _whole(file: Path) -> bool:
     try:
-        return ctypes.CDLL(str(file))
-    except OSError:  # damaged
-        _build(text, made, file)
-        return ctypes.CDLL(str(file))
+        return file.with_suffix(".sha256").read_text() == hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return False
 
 
 def _build(text: str, made: Compiler, file: Path) -> None:
-    with tempfile.TemporaryDirectory(dir=file.parent) as folder:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    for left in file.parent.glob(f"{BUILDING}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(dir=file.parent, prefix=BUILDING) as folder:
         (Path(folder) / "kernel.c").write_text(text)
         command = [*made.command, "kernel.c", "-o", "kernel.so", "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode:
             raise BuildError(f"{' '.join(command)}: {done.stderr.strip()[-2000:]}")
-        os.replace(Path(folder) / "kernel.so", file)
+        built = (Path(folder) / "kernel.so").read_bytes()
+    write_atomically(file, built)
+    write_atomically(file.with_suffix(".sha256"), hashlib.sha256(built).hexdigest())
+
+
+BUILDING, ABANDONED = "building-", 3600.0
+"""Prefix of folders that are built in; s after which one was left by a process that was killed"""
+
+
+@functools.cache
+def _folder_of_this_process() -> Path:
+    folder = tempfile.mkdtemp(prefix="k1607-pin-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+@functools.cache
+def _tell(what: str) -> None:
+    """A warning, once."""
+    logger.warning(what)

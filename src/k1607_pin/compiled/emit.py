@@ -78,7 +78,7 @@ def body(program: Program, kind: str, shared: Collection[int]) -> list[str]:
         elif node.op == "if_else_zero":
             text = f"v_where({a[0]} != v_all(0.0), {a[1]})"
         elif node.op == "sign":
-            text = f"v_if({a[0]} > v_all(0.0)) - v_if({a[0]} < v_all(0.0))"
+            text = f"v_sign({a[0]})"
         elif node.op == "constpow":
             text = f"v_pow({a[0]}, {a[1]})"
         elif node.op in LIBM:

@@ -1,6 +1,5 @@
 """Without a compiler: the same programs, run by CasADi's own interpreter for all rollouts at once. Correct, and slow."""
 
-import warnings
 from collections.abc import Sequence
 
 import casadi as ca
@@ -20,7 +19,6 @@ class Interpreter:
     lanes = 1
 
     def __init__(self, loop: ClosedLoop) -> None:
-        warnings.warn(WARNING, RuntimeWarning, stacklevel=2)
         self._loop = loop
         self._functions = {name: function_of(name, p, INPUTS) for name, p in loop.programs.items()}
 
@@ -53,7 +51,7 @@ class Interpreter:
                 now["hoisted"] = self._one("hoist", now)
             now["noise"] = self._noise(seeds, k, count)
             now["shared"], now["more"] = plan.law_shared[k], metrics
-            tau, after, new_metrics, row = self._call("law", now)
+            tau, after, new_metrics, row = self.call("law", now)
             finite = np.isfinite(tau).all(axis=0)
             failed[alive & ~finite] = k * plan.period
             alive &= finite
@@ -67,7 +65,7 @@ class Interpreter:
             before, moving = now["q"], alive
             for s in range(plan.substeps):
                 now["shared"] = plan.physics_shared[k * plan.substeps + s]
-                q, v = self._advance(now)
+                q, v = self.advance(now)
                 ok = (np.abs(v) < plan.runaway).all(axis=0) & alive
                 failed[alive & ~ok] = k * plan.period + s * plan.physics_step
                 alive = ok
@@ -75,17 +73,18 @@ class Interpreter:
             work += np.where(moving, np.sum(tau * (now["q"] - before), axis=0), 0.0)
         results[:, :, 0] = np.concatenate([now["q"], now["v"], metrics, counted[None], work[None], failed[None]]).T
 
-    def _advance(self, now: dict[str, np.ndarray]) -> list[np.ndarray]:
+    def advance(self, now: dict[str, np.ndarray]) -> list[np.ndarray]:
+        """q and v (n, rollouts) a physics step on."""
         stages = self._loop.stages
         if stages == 1:
-            return self._call("motion", now)
+            return self.call("motion", now)
         k = np.zeros((stages * self._loop.n, now["q"].shape[1]))
         for i in range(stages):
             here = dict(now)
             if i:
-                here["q"], here["v"] = self._call(f"stage{i}", {**now, "more": k})
+                here["q"], here["v"] = self.call(f"stage{i}", {**now, "more": k})
             k[i * self._loop.n : (i + 1) * self._loop.n] = self._one("acceleration", here)
-        return self._call("finish", {**now, "more": k})
+        return self.call("finish", {**now, "more": k})
 
     def _noise(self, seeds: np.ndarray, sample: int, count: int) -> np.ndarray:
         sources = [source.size for _, source in self._loop.law_tables.noise]
@@ -98,9 +97,10 @@ class Interpreter:
         return np.array(columns).T if columns else np.zeros((0, count))
 
     def _one(self, name: str, now: dict[str, np.ndarray]) -> np.ndarray:
-        return self._call(name, now)[0]
+        return self.call(name, now)[0]
 
-    def _call(self, name: str, now: dict[str, np.ndarray]) -> list[np.ndarray]:
+    def call(self, name: str, now: dict[str, np.ndarray]) -> list[np.ndarray]:
+        """Outputs of a program for inputs by name, (size, rollouts), or (size,) the same for all."""
         f, takes = self._functions[name]
         count = now["q"].shape[1]
         arguments = []
@@ -126,6 +126,15 @@ def function_of(name: str, p: Program, inputs: Sequence[str]) -> tuple[ca.Functi
             values.append(symbols[node.place[0]][node.place[1]])
         else:
             code, a = getattr(ca, f"OP_{node.op.upper()}"), [values[i] for i in node.args]
-            values.append(ca.SX.unary(code, *a) if len(a) == 1 else ca.SX.binary(code, *a))
+            value = ca.SX.unary(code, *a) if len(a) == 1 else ca.SX.binary(code, *a)
+            values.append(_with_nan(value, *a) if node.op in ("fmin", "fmax") else value)
     outputs = [ca.vertcat(*(ca.densify(values[i]) for i in output)) if output else ca.SX(0, 1) for output in p.outputs]
     return ca.Function(name, symbols, outputs), {inputs[k] for k in taken}
+
+
+def _with_nan(value: ca.SX, a: ca.SX, b: ca.SX) -> ca.SX:
+    """``value``, but NaN where a or b is: C's fmin and fmax, which CasADi calls, take the other one."""
+    for x in (a, b):
+        number = x * x >= -1  # which CasADi does not take for granted, and NaN is not
+        value = ca.if_else(number, value, x)
+    return value

@@ -22,6 +22,7 @@ from scipy.interpolate import PPoly
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import cache_folder
+from k1607_pin.compiled.checked import require_same
 from k1607_pin.compiled.closed_loop import ClosedLoop, Setup
 from k1607_pin.compiled.leaves import Layout
 from k1607_pin.compiled.program import Node, Program
@@ -67,15 +68,21 @@ def _kept(setup: Setup, *rest: Any) -> ClosedLoop:
     try:
         key = _key(setup, *rest)
     except (_UnknownError, RecursionError):
-        return traced(setup, *rest)
+        return _made(setup, *rest)
     file = cache_folder() / f"{key}.json"
     try:
         return _read(json.loads(file.read_bytes()), setup, rest[-1])
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError):  # not there, or damaged
-        loop = traced(setup, *rest)
+        loop = _made(setup, *rest)
     # not into a home that may not be written, and no functions that are not where their names say
     with contextlib.suppress(OSError, _UnknownError):
         write_atomically(file, json.dumps(_written(loop, setup)))
+    return loop
+
+
+def _made(setup: Setup, *rest: Any) -> ClosedLoop:
+    loop = traced(setup, *rest)
+    require_same(setup, loop, rest[-1])
     return loop
 
 

@@ -33,9 +33,10 @@ static inline V v_select(I mask, V a, V b) { return v_value((mask & v_bits(a)) |
 
 static inline V v_fabs(V x) { return v_value(v_bits(x) & v_i(INT64_MAX)); }
 static inline V v_copysign(V x, V s) { return v_value((v_bits(x) & v_i(INT64_MAX)) | (v_bits(s) & v_i(INT64_MIN))); }
-/* the other one where one is NaN, as C's fmin and fmax */
-static inline V v_fmin(V a, V b) { return v_select(v_mask(a < b) | v_mask(b != b), a, b); }
-static inline V v_fmax(V a, V b) { return v_select(v_mask(a > b) | v_mask(b != b), a, b); }
+/* NaN where one is NaN, as NumPy's minimum and maximum, and unlike C's fmin and fmax */
+static inline V v_fmin(V a, V b) { return v_select(v_mask(a < b) | v_mask(a != a), a, b); }
+static inline V v_fmax(V a, V b) { return v_select(v_mask(a > b) | v_mask(a != a), a, b); }
+static inline V v_sign(V x) { return v_select(v_mask(x == x), v_if(x > v_all(0.0)) - v_if(x < v_all(0.0)), x); }
 
 #if W == 1
 static inline V v_sqrt(V x) { return sqrt(x); }

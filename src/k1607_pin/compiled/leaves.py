@@ -1,6 +1,7 @@
 """The numbers inside controllers, plants and payloads, found and replaced by their dotted names."""
 
 import copy
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from itertools import pairwise
@@ -10,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
+
+logger = logging.getLogger(__name__)
 
 
 def is_named_tuple(x: Any) -> bool:
@@ -54,7 +57,9 @@ def lasts(x: Any) -> bool:
         return frozen and all(lasts(child) for _, child in children(x))
     if isinstance(x, tuple):
         return all(map(lasts, x))
-    return x is None or is_number(x) or isinstance(x, Arm | FunctionType | bool | str)
+    if isinstance(x, FunctionType):  # one's own may read what changes: a variable around it, a global one
+        return x.__module__.partition(".")[0] == __name__.partition(".")[0]
+    return x is None or is_number(x) or isinstance(x, Arm | bool | str)
 
 
 def replaced(x: Any, values: Mapping[str, Any]) -> Any:
@@ -187,6 +192,32 @@ class Layout:
             return x
 
         return rebuild(self._sample)
+
+
+def paths(x: Any, path: str = "") -> list[str]:
+    """Dotted names of all numbers of a nest, with their shapes where they are arrays, in the order of `Layout`."""
+    if is_number(x):
+        return [f"{path or 'it'}{list(np.shape(x)) or ''}"]
+    if is_named_tuple(x):
+        items: Any = zip(x._fields, x, strict=True)
+    elif isinstance(x, tuple | list):
+        items = enumerate(x)
+    elif isinstance(x, Mapping):
+        items = x.items()
+    elif is_dataclass(x) and not isinstance(x, type):
+        items = vars(x).items()
+    else:
+        return []
+    return [name for key, item in items for name in paths(item, f"{path}.{key}" if path else str(key))]
+
+
+def apart(x: Any) -> Any:
+    """A copy that may be changed, where one can be made."""
+    try:
+        return copy.deepcopy(x)
+    except Exception as error:  # a lock, a connection: it is asked itself then
+        logger.debug("copy of %r: %r", type(x), error)
+        return x
 
 
 def _flatten(x: Any, out: list[Any]) -> None:

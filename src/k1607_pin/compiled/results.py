@@ -38,8 +38,9 @@ def dataset(
 
     counted = results[:, -REST, None]
     for (name, reducer, shape), values in _cut(loop.metrics, results[:, 2 * n :]):
+        values = np.where(counted > 0, values, np.nan)  # of a rollout that was lost before it began
         if reducer in ("rms", "mean"):
-            values = values / counted
+            values = values / np.maximum(counted, 1)
         add(f"{name}_{reducer}", name, np.sqrt(values) if reducer == "rms" else values, shape)
     if log.shape[1]:
         for (name, shape), values in _cut(loop.logged, log):

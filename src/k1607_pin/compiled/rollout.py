@@ -2,6 +2,7 @@
 
 import hashlib
 import logging
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -15,7 +16,7 @@ import xarray as xr
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import compiler
 from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals
-from k1607_pin.compiled.interpreted import Interpreter
+from k1607_pin.compiled.interpreted import WARNING, Interpreter
 from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import Kernel, source
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
@@ -56,7 +57,8 @@ def rollout(
     """Closed loops side by side, one a lane of a native function: what `simulate` does, at some hundred times its speed.
 
     The first call for a controller traces and compiles it, a second or so; the library is kept in the user's cache folder. A
-    later call with the same objects does not trace again, if they are such as do not change: frozen dataclasses and functions.
+    later call with the same objects does not trace again, if they are such as do not change: frozen dataclasses of numbers, and
+    this package's functions; for functions of one's own `rollouts` is made once and called again and again.
     What a controller's ``start`` would refuse is not looked at here; what it and the plant say of their numbers is, for the first
     rollout and for those with the smallest and the largest ones.
 
@@ -173,6 +175,8 @@ class Rollouts:
             self._state = controller.start(still, still, self.duration)
         self.loop = kept(self.setup, self.varied, self.metrics, self.logged, self._state)
         made = compiler()
+        if made is None:
+            warnings.warn(WARNING, RuntimeWarning, stacklevel=2)
         self.engine = Kernel(self.loop, made) if made else Interpreter(self.loop)
         times = np.arange(self.samples + 1) * self.period
         self._law_shared = self.loop.law_tables.shared_values(times)

@@ -10,7 +10,7 @@ import numpy as np
 
 from k1607_pin.arm.payload import velocity_after_gripping_of
 from k1607_pin.compiled.closed_loop import INPUTS, REDUCERS, ClosedLoop, Setup, shape_of
-from k1607_pin.compiled.leaves import Layout, substituted
+from k1607_pin.compiled.leaves import Layout, apart, substituted
 from k1607_pin.compiled.order import in_order
 from k1607_pin.compiled.program import Program, hoisted, program
 from k1607_pin.compiled.trace import numpy_mode
@@ -136,7 +136,14 @@ class _Tracing:
     ) -> Any:
         with explained("controller.update"):
             asked, after, log = controller.update(tracer.time[0], self.q, self.v, self.state.rebuilt(state))
+            asked = np.stack(asked) if isinstance(asked, list | tuple) else asked
+        if (count := len(_entries(asked))) != self.n:
+            raise TracingError(f"controller.update: expected a torque of shape ({self.n},), got {count} numbers")
         tau = plant.motor_torque(asked)
+        if np.isfinite(
+            self.setup.plant.torque_limit
+        ).any():  # what is not finite must not become a limit, and look well
+            tau = np.where(np.abs(asked) < np.inf, tau, np.inf)
         log = {
             **log, "t": tracer.time[0], "q": self.q, "v": self.v, "tau": tau,
             "tool_position": plant.arm.forward_kinematics(self.q).translation,
@@ -170,7 +177,7 @@ class _Tracing:
         """Of all that is logged, by running the controller once on numbers: traced arrays keep no more than two dimensions."""
         setup, n = self.setup, self.n
         q, v = SOMEWHERE * np.arange(1.0, n + 1), np.zeros(n)
-        controller = setup.controller
+        controller = apart(setup.controller)
         state = controller.initial(q, v) if hasattr(controller, "initial") else controller.start(q, v, 1.0)
         tau, _, log = controller.update(0.0, q, v, state)
         log = {**log, "t": 0.0, "q": q, "v": v, "tau": tau, "tool_position": np.zeros(3)}

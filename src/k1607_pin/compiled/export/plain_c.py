@@ -11,7 +11,7 @@ ATOM, UNARY, PRODUCT, SUM, CHOICE = range(5)  # how loosely an expression binds
 STRENGTH = {"mul": PRODUCT, "div": PRODUCT, "add": SUM, "sub": SUM}
 LOGIC = {"and": "&&", "or": "||"}
 TRUTHS = {*COMPARISONS, *LOGIC, "not"}
-TWICE = ("sq", "twice", "sign")
+TWICE = ("sq", "twice", "sign", "fmin", "fmax")
 
 
 def statements(program: Program, places: Callable[[int, int], str], targets: Sequence[str]) -> list[str]:
@@ -89,7 +89,10 @@ class _Expressions:
             return f"{self.condition(a[0])} ? {self.of(a[1], SUM)} : 0.0", CHOICE
         if op == "sign":
             x = self.of(a[0], ATOM)
-            return f"(double)(({x} > 0.0) - ({x} < 0.0))", UNARY
+            return f"{x} > 0.0 ? 1.0 : {x} < 0.0 ? -1.0 : {x}", CHOICE
+        if op in ("fmin", "fmax"):  # NaN where one is NaN, unlike C's
+            x, y, sign = self.of(a[0], SUM), self.of(a[1], SUM, last=True), "<" if op == "fmin" else ">"
+            return f"{x} {sign} {y} || {x} != {x} ? {x} : {y}", CHOICE
         if op == "constpow":
             return f"pow({self.of(a[0], CHOICE)}, {self.of(a[1], CHOICE)})", ATOM
         if op in LIBM:

@@ -30,7 +30,9 @@ static double difference(const Function *f, int first, const Result *r)
     if (f->call(f->given + k * f->inputs, buffer_out) != 0) return INFINITY;
     for (int i = 0; i < r->size; i++) {
       largest = fmax(largest, fabs(expected[i]));
-      off = fmax(off, fabs(buffer_out[first + i] - expected[i]));
+      const double here = fabs(buffer_out[first + i] - expected[i]);
+      if (!(here <= off)) off = here; /* NaN too, for good: nothing is less */
+      if (off != off) return INFINITY;
     }
   }
   return largest > 1e-9 ? off / largest : off; /* what is nothing but rounding has no scale */

@@ -1,0 +1,173 @@
+"""A traced closed loop held against controller, plant and world on numbers: what a trace cannot see is found by what it does.
+
+A Python condition on float(x), a counter in the controller, a random number, a state of words: all of these trace, and into
+something else.
+"""
+
+import copy
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop, Setup
+from k1607_pin.compiled.interpreted import Interpreter
+from k1607_pin.compiled.leaves import apart, is_number, numbers, paths
+from k1607_pin.compiled.traced_arm import inertial_parameters
+from k1607_pin.compiled.tracer import TracingError
+
+logger = logging.getLogger(__name__)
+
+TIMES = np.concatenate([np.arange(13) * 0.01, np.geomspace(0.2, 100.0, 13)])  # s
+AGREE = 1e-9  # of the largest entry over all times: rounding is a millionth of it
+MIDDLE, SWING, SPEED = 0.1, 0.05, 0.1  # rad times 1, 2, ...; rad; rad/s
+
+
+def require_same(setup: Setup, loop: ClosedLoop, initial_state: Any = None) -> None:
+    """Run the controller on numbers at some states and times, one after the other, and the traced loop beside it.
+
+    Raises
+    ------
+    TracingError
+        They differ, a state is built otherwise than the one before, or the controller keeps something to itself.
+    """
+    n, controller = loop.n, apart(setup.controller)
+    k = np.arange(len(TIMES))[:, None]
+    Q = MIDDLE * np.arange(1.0, n + 1) + SWING * np.sin(k + np.arange(n))
+    V = SPEED * np.cos(1.7 * k + np.arange(n))
+    state = copy.deepcopy(initial_state) if loop.state_is_given else controller.initial(Q[0], V[0])
+    built, own = paths(state), _own(controller)
+    states, rows = [], []
+    for t, q, v in zip(TIMES, Q, V, strict=True):
+        before = loop.state.flat(state)
+        try:
+            with np.errstate(all="ignore"):
+                asked, state, log = controller.update(float(t), q.copy(), v.copy(), state)
+        except Exception as error:  # at a state that was made up: nothing can be told from there on
+            logger.debug("controller.update at t = %s: %r", t, error)
+            break
+        if np.shape(asked) != (n,):
+            raise TracingError(f"controller.update: expected a torque of shape ({n},), got {np.shape(asked)}")
+        if paths(state) != built:
+            raise TracingError(
+                f"controller.update: expected a next state as the first, {', '.join(built)}, got {', '.join(paths(state))}"
+            )
+        states.append(before)
+        rows.append(_outputs(setup, loop, asked, state, log, float(t), q, v))
+    if changed := [name for name, x in _own(controller).items() if name not in own or not np.array_equal(x, own[name])]:
+        raise TracingError(
+            f"controller.update: expected a function of its arguments, it changes its own {', '.join(changed)}; what it is to "
+            "remember belongs into the state that it returns"
+        )
+    if rows:
+        count = len(rows)
+        _compare(
+            setup, loop, TIMES[:count], Q[:count], V[:count], np.array(states, dtype=float).reshape(count, -1), rows
+        )
+
+
+def _compare(
+    setup: Setup,
+    loop: ClosedLoop,
+    times: np.ndarray,
+    Q: np.ndarray,
+    V: np.ndarray,
+    states: np.ndarray,
+    rows: Sequence[Any],
+) -> None:
+    run, count = Interpreter(loop), len(times)
+    now = {name: np.zeros((size, count)) for name, size in zip(INPUTS, loop.input_sizes, strict=True)}
+    now |= {"q": Q.T, "v": V.T, "state": states.T, "more": np.zeros((len(loop.reducers), count))}
+    now["noise"] = np.array([[x for _, source in loop.law_tables.noise for x in source(float(t))] for t in times]).T
+    now["parameters"] = np.repeat(_parameters(setup, loop.parameters)[:, None], count, axis=1)
+    now["shared"] = np.zeros((1, count))
+    now["hoisted"] = run.call("hoist", now)[0]
+    now["shared"] = loop.law_tables.shared_values(times).T
+    tau, after, _, row = run.call("law", now)
+    traced = np.concatenate([tau, after, row])
+    _require_close("controller.update", times, traced.T, np.array(rows, dtype=float))
+    held = np.array([setup.plant.motor_torque(x[: loop.n]) for x in rows])
+    good = np.isfinite(held).all(axis=1)
+    now["tau"] = np.where(good, held.T, 0.0)
+    now["shared"] = loop.physics_tables.shared_values(times).T
+    with np.errstate(all="ignore"):
+        ends = np.concatenate(run.advance(now)).T
+    wanted = [_stepped(setup, float(t), q, v, x) for t, q, v, x in zip(times, Q, V, now["tau"].T, strict=True)]
+    _require_close("plant, external, step", times, ends, np.array(wanted))
+
+
+def _require_close(what: str, times: np.ndarray, traced: np.ndarray, wanted: np.ndarray) -> None:
+    """Columns are compared by their largest entries; rows stand for times."""
+    scale = np.maximum(np.nanmax(np.where(np.isfinite(wanted), np.abs(wanted), 0.0), initial=0.0), 1e-3)
+    with np.errstate(invalid="ignore"):
+        same = (np.abs(traced - wanted) <= AGREE * scale) | (traced == wanted) | (np.isnan(traced) & np.isnan(wanted))
+    if not same.all():
+        k, i = np.argwhere(~same)[0]
+        raise TracingError(
+            f"{what}: traced it gives {traced[k, i]:.6g} where on numbers it gives {wanted[k, i]:.6g}, at t = {times[k]:g} s. "
+            "A Python condition, float(), something random or remembered, or a state that is no number does not trace"
+        )
+
+
+def _outputs(
+    setup: Setup,
+    loop: ClosedLoop,
+    asked: Any,
+    after: Any,
+    log: Mapping[str, Any],
+    t: float,
+    q: np.ndarray,
+    v: np.ndarray,
+) -> np.ndarray:
+    """Limited torque, next state, and what is logged, in a row as the law's program gives them."""
+    asked = np.asarray(asked, dtype=float)
+    limited = np.isfinite(setup.plant.torque_limit).any()
+    tau = setup.plant.motor_torque(asked)
+    if limited:
+        tau = np.where(np.isfinite(asked), tau, np.inf)
+    if loop.logged:
+        log = {
+            **log,
+            "t": t,
+            "q": q,
+            "v": v,
+            "tau": tau,
+            "tool_position": setup.plant.arm.forward_kinematics(q).translation,
+        }
+        for name, signal in setup.signals.items():
+            log[name] = signal(log)
+    rows = [np.ravel(np.asarray(log[name], dtype=float)) for name, _ in loop.logged]
+    return np.concatenate([tau, np.array(loop.state.flat(after), dtype=float), *rows])
+
+
+def _stepped(setup: Setup, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """(2 n,) where a physics step ends."""
+    arm, external = setup.plant.arm, setup.external
+
+    def acceleration(q: np.ndarray, v: np.ndarray) -> Any:
+        push = 0.0 if external is None else arm.jacobian(q).T @ external.wrench(t, q, v)
+        return setup.plant.acceleration(q, v, tau, push)
+
+    return np.concatenate(setup.step(acceleration, q, v, setup.physics_step))
+
+
+def _parameters(setup: Setup, names: Mapping[str, Any]) -> np.ndarray:
+    """What the setup itself has for what may be varied."""
+    roots = {
+        "plant": setup.plant,
+        "controller": setup.controller,
+        "external": setup.external,
+        "payloads": setup.schedule.changes,
+    }
+    arm = setup.plant.arm
+    of_arm = {"inertial": inertial_parameters(arm), "armature": arm.armature, "gravity": arm.model.gravity.linear}
+    there = {f"{root}.{name}": x for root, whole in roots.items() for name, x in numbers(whole).items()}
+    values = [there[name] if name in there else of_arm[name.rpartition(".")[2]] for name in names]
+    return np.concatenate([np.zeros(0), *(np.ravel(x) for x in values)])
+
+
+def _own(controller: Any) -> dict[str, Any]:
+    """Its plain attributes: numbers, arrays, words."""
+    attributes = getattr(controller, "__dict__", {})
+    return {name: copy.copy(x) for name, x in attributes.items() if is_number(x) or isinstance(x, bool | str)}
