@@ -6,6 +6,7 @@ import pytest
 import k1607_pin as k1607
 from k1607_pin.compiled import build
 from k1607_pin.compiled.batch import METHODS, Batch, batch
+from k1607_pin.compiled.tracer import TracingError
 
 ARMS = {
     "k1607": k1607.load_k1607,
@@ -94,3 +95,57 @@ def test_bad_input(arguments, said):
 def test_unknown_methods_are_refused():
     with pytest.raises(ValueError, match="method: expected one of forward_kinematics"):
         batch(k1607.load_k1607(), "fly")
+
+
+def test_bad_threads_and_no_arguments_are_refused():
+    f = batch(k1607.load_k1607(), "jacobian")
+    for threads in (0, -1, 2.5):
+        with pytest.raises(ValueError, match="threads: expected"):
+            f(np.zeros((5, 7)), threads=threads)
+    with pytest.raises(ValueError, match="shapes: expected"):
+        Batch(lambda: 1.0, [])
+
+
+def test_no_states_one_state_and_numbers():
+    f = batch(k1607.load_k1607(), "jacobian")
+    assert f(np.zeros((0, 7))).shape == (0, 6, 7)
+    assert f(np.zeros((3, 0, 7))).shape == (3, 0, 6, 7)
+    assert f(np.zeros(7)).shape == (6, 7)
+    assert f(np.zeros((2, 3, 7)), threads=np.int64(1)).shape == (2, 3, 6, 7)
+    doubled = Batch(lambda x: 2 * x, [()])
+    assert doubled(3.0).shape == ()
+    assert doubled(3.0) == 6.0
+    np.testing.assert_array_equal(doubled(np.arange(11.0)), 2 * np.arange(11.0))
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize(
+    "fun",
+    [lambda x: np.maximum(x, 0.0), lambda x: np.minimum(0.0, x), lambda x: np.clip(x, -1.0, 1.0), np.sign, np.abs],
+    ids=["maximum", "minimum", "clip", "sign", "abs"],
+)
+@pytest.mark.filterwarnings("ignore:no C compiler")
+def test_what_is_no_number_stays_none(monkeypatch, fun, native):
+    """As in NumPy, and unlike C's fmin and fmax."""
+    x = np.array([np.nan, -np.inf, np.inf, -0.5, 0.0, 2.0])
+    if not native:
+        monkeypatch.setenv("K1607_COMPILER", "none")
+    build.compiler.cache_clear()
+    try:
+        np.testing.assert_array_equal(Batch(fun, [()])(x), fun(x))
+    finally:
+        build.compiler.cache_clear()
+
+
+def test_angles_too_large_have_no_sine():
+    sine = Batch(np.sin, [()])
+    if build.compiler():
+        assert np.isnan(sine(np.array([1e6, -1e20, np.inf, np.nan]))).all()
+    assert sine(9.9e5) == pytest.approx(np.sin(9.9e5), abs=1e-9)
+
+
+def test_a_function_that_traces_into_another_is_refused():
+    with pytest.raises(TracingError, match="on numbers"):
+        Batch(lambda x: np.sum(x) if isinstance(x, np.ndarray) else 2 * np.sum(x), [(3,)])
+    with pytest.raises(TracingError):
+        Batch(lambda x: x * (1.0 if float(x[0]) > 0 else 2.0), [(3,)])

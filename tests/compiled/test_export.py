@@ -87,6 +87,36 @@ def test_selftest_fails_without_the_check_for_nan(reference, tmp_path):
     assert "not finite went through" in done.stdout
 
 
+@needs_cc
+def test_selftest_fails_on_a_result_that_is_no_number(reference, tmp_path):
+    export(reference, tmp_path, functions=("gravity_torque",))
+    source = tmp_path / "k1607.c"
+    source.write_text(re.sub(r"(torque\[3\] = )", r"\1NAN + ", source.read_text()))
+    assert "NAN" in source.read_text()
+    done = selftest(tmp_path)
+    assert done.returncode == 1
+    assert "FAILED" in done.stdout
+
+
+class Clipping:
+    """A law that limits what is none."""
+
+    def __init__(self, arm):
+        self.arm = arm
+
+    def initial(self, q, v):
+        return None
+
+    def update(self, t, q, v, state):
+        return np.clip(np.sqrt(np.sin(q)) * 100, -5.0, 5.0), None, {}
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_a_law_whose_torque_is_not_finite_is_not_exported(reference, tmp_path):
+    with pytest.raises(ValueError, match="expected finite torques"):
+        export(reference, tmp_path / "none", {"law": Clipping(reference)})
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_cases_reach_both_the_limit_and_the_adaptation(reference, name):
     """Golden vectors of a law that only ever saturates, or never moves its gains, would prove little."""
@@ -293,6 +323,8 @@ def test_the_command_line_refuses_what_there_is_not(tmp_path, law, period, words
         ({"functions": ("jacobi",)}, "functions: expected some of forward_kinematics"),
         ({"prefix": "7dof"}, "prefix: expected a name of letters"),
         ({"controllers": {"a b": None}}, "controllers: expected a name of letters"),
+        ({"controllers": {"selftest": None}}, "another name than that of the self-test"),
+        ({"prefix": "math"}, "prefix: expected a name that is no header of C's"),
         ({"controllers": {"law": object()}}, "expected 'law' to have initial"),
         ({"functions": ()}, "at least one of either"),
     ],
@@ -396,6 +428,22 @@ def test_every_operation_in_plain_c(tmp_path, seed):
             fine = np.isfinite(expected)
             assert fine.mean() > 0.9
             np.testing.assert_allclose(found[fine], expected[fine], rtol=1e-9, atol=1e-9)
+
+
+@needs_cc
+def test_minimum_maximum_and_sign_keep_what_is_no_number(tmp_path):
+    x = ca.SX.sym("x", 2)
+    outputs = ca.vertcat(ca.fmin(x[0], x[1]), ca.fmax(x[0], x[1]), ca.sign(x[0]))
+    lines = statements(program(ca.Function("f", [x], [outputs])), lambda k, i: f"x[{i}]", [f"y[{k}]" for k in range(3)])
+    (tmp_path / "f.c").write_text(
+        "void f(const double *x, double *y);\nvoid f(const double *x, double *y)\n{\n" + "\n".join(lines) + "\n}\n"
+    )
+    assert not compiled(tmp_path, *STRICT, "-O2", "f.c", "-shared", "-fPIC", "-o", "f.so").returncode
+    run = ctypes.CDLL(str(tmp_path / "f.so")).f
+    for given in ([np.nan, 1.0], [1.0, np.nan], [2.0, 1.0], [-np.inf, 0.0], [0.0, 0.0]):
+        found, x = np.empty(3), np.array(given)
+        run(array(x), array(found))
+        np.testing.assert_array_equal(found, [np.minimum(*x), np.maximum(*x), np.sign(x[0])])
 
 
 # Structures as the header has them.

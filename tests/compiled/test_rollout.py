@@ -1,5 +1,9 @@
 """Compiled rollouts are `simulate`, many at once."""
 
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -289,6 +293,10 @@ def test_what_cannot_be_traced_is_named(arm, torque, said, q0):
         ({"log": ("nonsense",)}, "nonsense"),
         ({"every": 0}, "every"),
         ({"threads": 0}, "threads"),
+        ({"vary": {"plant.arm.armature": [np.ones(7), -np.ones(7)]}}, "armature: expected no negative"),
+        ({"vary": {"plant.arm.inertial": -np.ones((2, 7, 10))}}, "inertial: expected no negative"),
+        ({"signals": {"a/b": lambda log: log["t"]}}, "signals: expected names without /"),
+        ({"signals": {"rollout": lambda log: log["t"]}}, "signals: expected names"),
     ],
 )
 def test_bad_input(arm, law, change, said, q0):
@@ -315,12 +323,12 @@ class Pulled:
         return None
 
     def update(self, t, q, v, state):
-        return self.pull(v), state, {}
+        return self.pull(t, v), state, {}
 
 
 def test_what_a_function_of_one_s_own_reads_may_change(arm, q0):
     gain = np.array([1.0])
-    law = Pulled(arm, lambda v: -gain[0] * v)
+    law = Pulled(arm, lambda t, v: -gain[0] * v)
     signals = {"pull": lambda log: gain[0] * log["t"]}
     ends = []
     for x in (1.0, 50.0):
@@ -331,3 +339,51 @@ def test_what_a_function_of_one_s_own_reads_may_change(arm, q0):
         assert run.pull_last.values[0] == pytest.approx(0.1 * x)
         ends.append(run.q_end.values)
     assert np.abs(ends[0] - ends[1]).max() > 1e-3
+
+
+def test_a_seed_that_is_no_whole_number_is_refused_wherever_it_is(arm, law, q0):
+    seeds = np.arange(200.0)
+    seeds[100] += 0.5
+    with pytest.raises(ValueError, match=r"noise\.seed: expected whole numbers"):
+        k1607.rollout(arm, with_noise(law, 7, 0.01, 1e-4, 1e-3), q0, 0.05, vary={"controller.noise.seed": seeds})
+
+
+def test_numbers_of_numpy_and_one_name_do(arm, law, q0):
+    run = k1607.rollout(arm, law, q0, 0.06, log="tau", every=np.int64(2), threads=np.int64(1))
+    assert run.tau.shape == (1, 4, 7)
+
+
+def on_the_tool(t, q, v):
+    return k1607.Wrench(force=np.array([20.0, 0.0, 0.0]) * np.sin(30 * t) - 5 * v[:3], moment=np.array([0.0, 1.0, 0.0]))
+
+
+def on_another_link(t, q, v):
+    return k1607.Wrench(force=np.array([0.0, 30.0, 0.0]) * q[1], frame="link4", axes="frame")
+
+
+@pytest.mark.parametrize("external", [on_the_tool, on_another_link, lambda t, q, v: None])
+@pytest.mark.parametrize("step", [semi_implicit_euler, runge_kutta_4])
+def test_a_world_that_is_a_function(arm, law, q0, agrees, external, step):
+    settings = {"external": external, "step": step}
+    run = k1607.rollout(arm, law, q0, 0.3, log=LOGGED, **settings)
+    agrees(run, k1607.simulate(arm, law, q0, 0.3, **settings), LOGGED)
+
+
+def test_ctrl_c_is_heard_within_a_second_or_so(tmp_path):
+    """Of a call that would take minutes."""
+    code = (
+        "import numpy as np, k1607_pin as k1607\n"
+        "class Law:\n"
+        "    def start(self, q, v, duration): return None\n"
+        "    def update(self, t, q, v, state): return -v, None, {}\n"
+        "run = k1607.rollouts(k1607.load_k1607(), Law(), 10.0, metrics={})\n"
+        "run(np.zeros(7))\n"
+        "print('begun', flush=True)\n"
+        "run(np.zeros((400_000, 7)), threads=1)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert "KeyboardInterrupt" in said

@@ -337,6 +337,8 @@ def test_samples_refuse(make, said):
         ({"parameters": k1607.Listed({"q0": START[None]})}, "parameters: expected payloads.0.payload.mass"),
         ({"q0": START}, "q0: expected none beside"),
         ({"chunk": 0}, "chunk: expected"),
+        ({"q0": None, "ahead": 0}, "ahead: expected"),
+        ({"q0": None, "executor": 3}, "executor: expected"),
         ({"parameters": k1607.Listed({"payloads.0.payload.mass": [1.0]})}, "q0: expected where"),
     ],
 )
@@ -360,3 +362,10 @@ def test_memory_is_bounded_by_what_is_ahead(run):
     with Counting(2) as pool:
         k1607.sweep(run, DRAWN, chunk=5, executor=pool, ahead=3)
     assert most[0] <= 3
+
+
+def test_results_called_as_parameters_are_refused():
+    arm = k1607.load_k1607(gravity=(0, 0, 0))
+    made = k1607.rollouts(arm, Hold(), 0.05, metrics={}, signals={"q0": lambda log: log["t"]}, log=("q0",))
+    with pytest.raises(ValueError, match="q0 as both"):
+        k1607.sweep(made, k1607.Listed({"q0": START[None]}))

@@ -132,6 +132,10 @@ def test_from_gains_that_run_away_a_search_finds_others_and_the_gradient_refuses
         ({"torque_bound": np.ones(6)}, r"torque_bound: expected one positive number or \(7,\)"),
         ({"error_bound": np.inf}, "expected at least one bound"),
         ({"error": "misfit"}, "got 'misfit'"),
+        ({"error": "tau"}, "error: expected what the controller logs"),
+        ({"every": 2}, "settings: expected some of control_period.*got every"),
+        ({"metrics": {}, "threads": 1}, "got metrics, threads"),
+        ({"free": {"controller.rotation": "scale"}}, "rotation: expected"),
     ],
 )
 def test_what_does_not_fit_is_refused(arm, law, q0, changed, words):

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from numbers import Integral
 from typing import Any
 
 import casadi as ca
@@ -24,6 +25,7 @@ from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.tracer import TracingError, column, explained, symbol_array, without_nan
 
 ANYWHERE = 0.1  # times 1, 2, ...: arguments that a function is tried on for the shapes of what it gives
+AGREE = 1e-9  # of the largest entry: traced and on numbers
 BLOCKS = 256  # a thread takes at least so many at a time
 
 
@@ -42,6 +44,8 @@ class Batch:
 
     def __init__(self, fun: Callable[..., Any], shapes: Sequence[tuple[int, ...]]) -> None:
         self.shapes = [tuple(shape) for shape in shapes]
+        if not self.shapes:
+            raise ValueError("shapes: expected at least one argument's, got none")
         sizes = [int(np.prod(shape)) for shape in self.shapes]
         sample = fun(
             *(ANYWHERE * np.arange(1.0, size + 1).reshape(s) for size, s in zip(sizes, self.shapes, strict=True))
@@ -56,6 +60,7 @@ class Batch:
             self.program = in_order(without_nan("fun", program(f)))
         if len(flat) != self._layout.size:
             raise TracingError(f"fun: expected {self._layout.size} numbers as when called on floats, got {len(flat)}")
+        self._require_same(fun)
         made = compiler()
         self.lanes = made.lanes if made else 1
         self._run = None
@@ -63,6 +68,23 @@ class Batch:
             self._run = library(_source(self.program, sizes, self._layout.size, made.lanes), made).run
             self._run.restype = None
             self._run.argtypes = [ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p]
+
+    def _require_same(self, fun: Callable[..., Any]) -> None:
+        """What a trace cannot see, a condition on float(x) say, is found by what it does."""
+        f, taken = function_of("f", self.program, [f"i{k}" for k in range(len(self.shapes))])
+        rng = np.random.default_rng(0)
+        for _ in range(4):
+            given = [rng.normal(size=shape) for shape in self.shapes]
+            columns = [np.ravel(x)[: f.size1_in(k)] if f"i{k}" in taken else 0 for k, x in enumerate(given)]
+            with np.errstate(all="ignore"):
+                wanted = np.array(self._layout.flat(fun(*given)), dtype=float)
+            traced = f(*columns).full().ravel()
+            scale = np.max(np.abs(wanted[np.isfinite(wanted)]), initial=1e-3)
+            if not np.allclose(traced, wanted, rtol=0, atol=AGREE * scale, equal_nan=True):
+                raise TracingError(
+                    f"{getattr(fun, '__name__', 'fun')}: traced it gives {traced} where on numbers it gives {wanted}: a Python "
+                    "condition or float() on a number, or something random, does not trace"
+                )
 
     def empty(self, count: int) -> np.ndarray:
         """Memory for the results of ``count`` states, to be used again and again as ``out``."""
@@ -75,7 +97,9 @@ class Batch:
         """
         if len(arguments) != len(self.shapes):
             raise ValueError(f"expected {len(self.shapes)} arguments, got {len(arguments)}")
-        arrays = [np.ascontiguousarray(x, dtype=float) for x in arguments]
+        if threads is not None and (not isinstance(threads, Integral) or threads < 1):
+            raise ValueError(f"threads: expected a whole number from 1 on, got {threads!r}")
+        arrays = [np.asarray(x, dtype=float) for x in arguments]
         for k, (x, shape) in enumerate(zip(arrays, self.shapes, strict=True)):
             if x.shape[x.ndim - len(shape) :] != shape or x.shape[: x.ndim - len(shape)] != self._lead(arrays):
                 raise ValueError(
@@ -83,7 +107,9 @@ class Batch:
                 )
         lead = self._lead(arrays)
         count = int(np.prod(lead))
-        inputs = [x.reshape(count, -1) for x in arrays]
+        inputs = [
+            np.ascontiguousarray(x.reshape(count, int(np.prod(s)))) for x, s in zip(arrays, self.shapes, strict=True)
+        ]
         shape = (count, self._layout.size)
         if out is None:
             out = self.empty(count)
@@ -136,7 +162,7 @@ class Batch:
             nonlocal taken
             size = int(np.size(x))
             taken += size
-            return out[:, taken - size : taken].reshape(*lead, *np.shape(x))
+            return out[:, taken - size : taken].reshape((*lead, *np.shape(x)))
 
         return self._layout.mapped(part)
 

@@ -15,6 +15,7 @@ from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop, Setup
 from k1607_pin.compiled.interpreted import Interpreter
 from k1607_pin.compiled.leaves import apart, is_number, numbers, paths
 from k1607_pin.compiled.traced_arm import inertial_parameters
+from k1607_pin.compiled.traced_loop import torque_of
 from k1607_pin.compiled.tracer import TracingError
 
 logger = logging.getLogger(__name__)
@@ -146,7 +147,7 @@ def _stepped(setup: Setup, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarr
     arm, external = setup.plant.arm, setup.external
 
     def acceleration(q: np.ndarray, v: np.ndarray) -> Any:
-        push = 0.0 if external is None else arm.jacobian(q).T @ external.wrench(t, q, v)
+        push = 0.0 if external is None else torque_of(external, arm, t, q, v)
         return setup.plant.acceleration(q, v, tau, push)
 
     return np.concatenate(setup.step(acceleration, q, v, setup.physics_step))

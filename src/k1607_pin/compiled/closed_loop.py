@@ -27,7 +27,7 @@ class Setup:
     plant: Plant
     controller: Any
     external: Any
-    """None, or an object with wrench(t, q, v) -> (6,) N, N m at the tool, base axes"""
+    """None, an object with wrench(t, q, v) -> (6,) N, N m at the tool, base axes, or a function of them that gives a `Wrench`"""
     schedule: PayloadSchedule
     from_rest: bool
     step: Callable[..., Any]

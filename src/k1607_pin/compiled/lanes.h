@@ -1,6 +1,6 @@
 /* Arithmetic on W doubles side by side, in GCC's and clang's vector types: any width on any processor.
-   Sine and cosine are fdlibm's polynomials after a reduction by pi/2 in three parts, exact for angles below 1e6 rad;
-   v_exp, v_log and v_atan2 are good to 3 units of the last place, v_tanh to 8. What else libm has is called lane by lane. */
+   Sine and cosine are fdlibm's polynomials after a reduction by pi/2 in three parts, exact for angles below 1e6 rad, NaN beyond;
+   v_exp, v_log and v_atan2 are good to 3 units of the last place, v_tanh to 9; v_exp is 0 below -708. What else libm has is called lane by lane. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -61,8 +61,9 @@ static inline void v_sincos(V x, V *s, V *c)
     + z * -1.13596475577881948265e-11))))));
   const I odd = -(quadrant & v_i(1));
   const I minus_s = (quadrant & v_i(2)) << 62, minus_c = ((quadrant + v_i(1)) & v_i(2)) << 62;
-  *s = v_value(v_bits(v_select(odd, cosine, sine)) ^ minus_s);
-  *c = v_value(v_bits(v_select(odd, sine, cosine)) ^ minus_c);
+  const I near = v_mask(v_fabs(x) < v_all(1e6)); /* beyond, it would be wild: better none */
+  *s = v_select(near, v_value(v_bits(v_select(odd, cosine, sine)) ^ minus_s), v_all(NAN));
+  *c = v_select(near, v_value(v_bits(v_select(odd, sine, cosine)) ^ minus_c), v_all(NAN));
 }
 static inline V v_sin(V x) { V s, c; v_sincos(x, &s, &c); return s; }
 static inline V v_cos(V x) { V s, c; v_sincos(x, &s, &c); return c; }
@@ -82,13 +83,15 @@ static inline V v_exp(V x)
     v_select(v_mask(x < v_all(-708.0)), v_all(0.0), v_select(v_mask(x == x), whole, x)));
 }
 
-/* fdlibm's, for x > 0 that is no subnormal number; else -infinity for 0, and NaN */
-static inline V v_log(V x)
+/* fdlibm's, for x > 0; else -infinity for 0, and NaN */
+static inline V v_log(V number)
 {
+  const I tiny = v_mask(number < v_all(0x1p-1022)); /* subnormal */
+  const V x = v_select(tiny, number * 0x1p54, number);
   const I above = v_bits(x) - v_i(0x3fe6a09e667f3bcdLL); /* the square root of 1/2: the mantissa is taken from there on */
   const I power = above >> 52;
   const V m = v_value(v_bits(x) - (power << 52)), f = m - 1.0, s = f / (2.0 + f), z = s * s;
-  const V k = v_value((power + v_i(0x4338000000000000LL))) - ROUND; /* as a double */
+  const V k = v_value((power + v_i(0x4338000000000000LL))) - ROUND - v_where(tiny, v_all(54.0)); /* as a double */
   const V R = z * (6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01
     + z * (2.222219843214978396e-01 + z * (1.818357216161805012e-01 + z * (1.531383769920937332e-01
     + z * 1.479819860511658591e-01))))));

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from itertools import pairwise
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,8 @@ def rollout(
     plant, controller, duration, control_period, physics_step, step, payloads, from_rest : as for `simulate`. The controller must
         trace: NumPy's functions on arrays, np.where for conditions on numbers. Functions of time alone need not.
     q0, v0 : (n,) or (N, n) rad, rad/s, for N rollouts; v0 None for rest.
-    external : None, or what pushes the tool: an object with ``wrench(t, q, v)`` (6,), `Wall.external` of an arm say.
+    external : None, or what pushes the arm: a function of time, q and v that gives a `Wrench`, as for `simulate`, in NumPy's
+        functions; or an object with ``wrench(t, q, v)`` (6,) at the tool, `Wall.external` of an arm say.
     vary : name -> (N, ...) of numbers that differ between rollouts: "controller.beta_1", "controller.gains.K_p", "plant.viscous",
         "payloads.0.payload.mass", "controller.noise.seed" of `with_noise`; "plant.arm.inertial" (N, n, 10), "plant.arm.armature"
         (N, n) and "plant.arm.gravity" (N, 3) as for `TracedArm`. Other values of the same names compile nothing anew.
@@ -94,7 +96,7 @@ def rollout(
     """
     return rollouts(
         plant, controller, duration, control_period, physics_step, step, payloads, from_rest, external,
-        tuple(vary or ()), metrics, tuple(log), every, signals,
+        tuple(vary or ()), metrics, log if isinstance(log, str) else tuple(log), every, signals,
     )(q0, v0, vary, threads, progress)  # fmt: skip
 
 
@@ -120,8 +122,11 @@ def rollouts(
         raise ValueError(
             f"control_period: expected the controller's own period, {period!r} s, got {control_period!r} s"
         )
-    if not isinstance(every, int) or every < 1:
+    if not isinstance(every, Integral) or every < 1:
         raise ValueError(f"every: expected a whole number of samples from 1 on, got {every!r}")
+    every, log = int(every), (log,) if isinstance(log, str) else log
+    if wrong := [name for name in signals or () if "/" in name or name in ("rollout", "time")]:
+        raise ValueError(f"signals: expected names without /, and neither rollout nor time, got {wrong[0]!r}")
     if metrics is None:
         metrics = {name: kinds for name, kinds in DEFAULT_METRICS.items() if name in variables_of(controller)}
     metrics = {name: (kinds,) if isinstance(kinds, str) else tuple(kinds) for name, kinds in metrics.items()}
@@ -143,6 +148,8 @@ def rollouts(
     return _recent[key][0]
 
 
+FEW = 64  # rollouts that all are checked
+PIECE = 2_000_000  # physics steps of a block that the native function does in one call: half a second or so
 RECENT = 8  # traced loops that are kept for the next call
 _recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
 
@@ -208,7 +215,7 @@ class Rollouts:
     ) -> xr.Dataset:
         """As `rollout`, for the names that it was made for."""
         vary = dict(vary or {})
-        if threads is not None and (not isinstance(threads, int) or threads < 1):
+        if threads is not None and (not isinstance(threads, Integral) or threads < 1):
             raise ValueError(f"threads: expected a whole number from 1 on, got {threads!r}")
         if set(vary) != set(self.varied):
             raise ValueError(
@@ -252,7 +259,9 @@ class Rollouts:
     def _in_threads(self, plan: Plan, arrays: tuple[np.ndarray, ...], threads: int | None, progress: Any) -> None:
         blocks = len(arrays[0])
         threads = threads or processors()
-        count = max(4 * threads if threads > 1 else 1, 20 if progress else 1)  # so that nobody waits long for the last
+        steps = blocks * plan.ticks * plan.substeps * self.loop.stages
+        # so that nobody waits long for the last one, nor for Ctrl-C
+        count = max(4 * threads if threads > 1 else 1, 20 if progress else 1, -(-steps // PIECE))
         edges = np.unique(np.linspace(0, blocks, min(blocks, count) + 1).astype(int))
         pieces = [slice(a, b) for a, b in pairwise(edges)]
         if threads == 1 or len(pieces) == 1:
@@ -289,9 +298,19 @@ class Rollouts:
         return np.array(rows, dtype=float).reshape(len(rows), 2 * len(schedule.changes)), change
 
     def _check(self, values: Mapping[str, np.ndarray]) -> None:
-        """Numbers as controller, plant and payloads check their own: of the first rollout, and of those with extreme numbers."""
+        """Numbers as controller, plant and payloads check theirs: of all rollouts if they are few, else of the extreme ones."""
+        seeds = [name for name, _ in self.loop.law_tables.noise]
+        for name, x in values.items():
+            kind = name.rpartition(".")[2]
+            if name in seeds and (wrong := (x != np.floor(x)) | (x < 0) | (x > 2**53)).any():
+                raise ValueError(f"{name}: expected whole numbers from 0 to 2^53, got {x[wrong][0]!r}")
+            lowest = {"armature": x, "inertial": x[..., 0]}.get(kind)
+            if lowest is not None and (lowest < 0).any():
+                raise ValueError(f"{name}: expected no negative inertia or mass, got {lowest.min():g}")
         lanes = {0}
         for x in values.values():
+            if len(x) <= FEW:
+                lanes |= set(range(len(x)))
             flat = x.reshape(len(x), -1)
             lanes |= {int(flat.min(axis=1).argmin()), int(flat.max(axis=1).argmax())}
         roots = {

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import closing
 from functools import lru_cache, partial
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def sweep(
     """
     loop = run if isinstance(run, Rollouts) else run()
     fixed = {name: x for name, x in (("q0", q0), ("v0", v0)) if name not in parameters.along}
-    _require(loop, parameters, q0, v0, chunk)
+    _require(loop, parameters, q0, v0, chunk, ahead, executor)
     sample = _rollouts(loop, fixed, parameters.values(0, 1))
     variables = _variables(sample, parameters)
     count = math.prod(parameters.dims.values())
@@ -185,6 +186,8 @@ def _variables(sample: xr.Dataset, parameters: Samples) -> dict[str, Variable]:
     for name, x in parameters.values(0, 1).items():
         own = tuple(f"{name}_{k}" for k in range(x.ndim - 1))
         made[name] = Variable((parameters.along[name], *own), (dims[parameters.along[name]], *x.shape[1:]), {})
+    if both := set(made) & set(map(str, sample.data_vars)):
+        raise ValueError(f"parameters: expected names other than the results', got {', '.join(sorted(both))} as both")
     for result, found in sample.data_vars.items():
         rest = tuple(str(dim) for dim in found.dims[1:])
         made[str(result)] = Variable((*dims, *rest), (*dims.values(), *found.shape[1:]), found.attrs)
@@ -195,7 +198,9 @@ def _chunk(count: int, size: int) -> int:
     return max(1, min(max(LEAST, -(-count // CHUNKS)), MOST, CHUNK_BYTES // size))
 
 
-def _require(loop: Rollouts, parameters: Samples, q0: Any, v0: Any, chunk: int | None) -> None:
+def _require(
+    loop: Rollouts, parameters: Samples, q0: Any, v0: Any, chunk: int | None, ahead: int | None, executor: Any
+) -> None:
     wanted, given = set(loop.varied), set(parameters.along)
     if wanted != given - {"q0", "v0"}:
         raise ValueError(
@@ -210,5 +215,8 @@ def _require(loop: Rollouts, parameters: Samples, q0: Any, v0: Any, chunk: int |
             )
     if "q0" not in given and q0 is None:
         raise ValueError("q0: expected where the rollouts start, got None, and parameters do not say")
-    if chunk is not None and (not isinstance(chunk, int) or chunk < 1):
-        raise ValueError(f"chunk: expected a whole number of rollouts from 1 on, got {chunk!r}")
+    for name, x in (("chunk", chunk), ("ahead", ahead)):
+        if x is not None and (not isinstance(x, Integral) or x < 1):
+            raise ValueError(f"{name}: expected a whole number from 1 on, got {x!r}")
+    if executor is not None and not isinstance(executor, Executor) and not callable(executor):
+        raise ValueError(f"executor: expected one of concurrent.futures or a function that makes it, got {executor!r}")

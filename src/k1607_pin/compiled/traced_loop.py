@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from k1607_pin.arm.payload import velocity_after_gripping_of
+from k1607_pin.arm.wrench import wrench_torque
 from k1607_pin.compiled.closed_loop import INPUTS, REDUCERS, ClosedLoop, Setup, shape_of
 from k1607_pin.compiled.leaves import Layout, apart, substituted
 from k1607_pin.compiled.order import in_order
@@ -203,7 +204,7 @@ class _Tracing:
             push: Any = 0.0
             if external is not None:
                 with explained("external"):
-                    push = plant.arm.jacobian(q).T @ external.wrench(physics.time[0], q, v)
+                    push = torque_of(external, plant.arm, physics.time[0], q, v)
             return loaded_plant.acceleration(q, v, self.tau, push)
 
         asked: list[tuple[Any, Any]] = []
@@ -260,6 +261,14 @@ class _Tracing:
             added = np.reshape(np.stack(newcomer), (self.n, self.n))
             functions["grip"] = [_entries(velocity_after_gripping_of(M, added, self.v))], weights, None
         return functions
+
+
+def torque_of(external: Any, arm: Any, t: Any, q: Any, v: Any) -> Any:
+    """(n,) N m on the joints, of an object with ``wrench`` at the tool or of a function that gives a `Wrench` or None."""
+    if hasattr(external, "wrench"):
+        return arm.jacobian(q).T @ external.wrench(t, q, v)
+    wrench = external(t, q, v)
+    return 0.0 if wrench is None else wrench_torque(arm, q, wrench)
 
 
 def _flat_mass(arm: TracedArm, payload: Any, q: Any) -> list[Any]:

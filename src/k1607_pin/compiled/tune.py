@@ -12,6 +12,7 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.differentiable import differentiable
 from k1607_pin.compiled.factors import Factors
 from k1607_pin.compiled.leaves import replaced
+from k1607_pin.compiled.results import OWN
 from k1607_pin.compiled.rollout import Rollouts, rollouts
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.simulate import SimulationError, simulate
@@ -63,7 +64,7 @@ def tune(
 
     Parameters
     ----------
-    plant, controller, q0, v0, duration, settings : as for `rollout`; settings are what else it takes, control_period say.
+    plant, controller, q0, v0, duration, settings : as for `rollout`; settings are some of `SETTINGS`, control_period say.
     free : name below "controller", "controller.gains.K_p" say -> "scale", one factor; "axes", one an axis, which makes D K D of a
         matrix and leaves it positive definite; or (lowest, highest) factors, one number each or (m,) for the axes. Else factors
         are between 0.1 and 10.
@@ -86,7 +87,15 @@ def tune(
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     if budget is not None and (not isinstance(budget, int) or budget < 1):
         raise ValueError(f"budget: expected a whole number from 1 on, got {budget!r}")
+    if unknown := sorted(set(settings) - set(SETTINGS)):
+        raise ValueError(f"settings: expected some of {', '.join(SETTINGS)}, got {', '.join(unknown)}")
+    if error in OWN:
+        raise ValueError(
+            f"error: expected what the controller logs, {error!r} is every loop's; torque_bound bounds the torque"
+        )
     factors = Factors(controller, free)
+    for z in (factors.lower, factors.upper):
+        _with(controller, factors.values(z))
     common = {"control_period": getattr(controller, "period", 0.01), **settings, "varied": tuple(free)}
     if method == "gradient":
         run = rollouts(plant, controller, duration, metrics={}, log=(error, "tau"), **common)
@@ -100,7 +109,7 @@ def tune(
     else:
         z, count = _by_search(run, factors, limits, q0, v0, budget or 2000, seed)
     values = factors.values(z)
-    found = replaced(controller, {name.partition(".")[2]: x if x.ndim else float(x) for name, x in values.items()})
+    found = _with(controller, values)
     common.pop("varied")
     lost = False
     try:
@@ -110,6 +119,15 @@ def tune(
     largest = {name: np.abs(log[name].values).max(axis=0) for name in (error, "tau")}
     worst = np.inf if lost else max(float((x / limits[name]).max()) for name, x in largest.items())
     return Tuned(found, values, factors.named(z), worst, worst <= 1, largest[error], largest["tau"], count, log)
+
+
+SETTINGS = ("control_period", "physics_step", "step", "payloads", "from_rest", "external")
+"""Of `rollout` and `simulate`, that `tune` passes on."""
+
+
+def _with(controller: Any, values: Mapping[str, np.ndarray]) -> Any:
+    """The controller with other numbers, which it checks."""
+    return replaced(controller, {name.partition(".")[2]: x if x.ndim else float(x) for name, x in values.items()})
 
 
 def _limits(run: Rollouts, error: str, error_bound: Any, torque_bound: Any) -> dict[str, np.ndarray]:

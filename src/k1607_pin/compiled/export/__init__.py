@@ -73,8 +73,12 @@ def export(
     prefix = re.sub(r"\W+", "_", arm.name).lower() if prefix is None else prefix
     controllers = controllers or {}
     _require_name("prefix", prefix)
+    if prefix.lower() in C_HEADERS:
+        raise ValueError(f"prefix: expected a name that is no header of C's, got {prefix!r}")
     for name in controllers:
         _require_name("controllers", name)
+        if name.lower() == "selftest":
+            raise ValueError("controllers: expected another name than that of the self-test, got 'selftest'")
     made = arm_functions(arm, functions)
     laws = [exported_law(arm, name, controller) for name, controller in controllers.items()]
     names = [f.name for f in made] + [f.name for law in laws for f in law.functions]
@@ -96,6 +100,12 @@ def export(
         "CMakeLists.txt": CMAKE.format(prefix=prefix, sources=" ".join(sources)),
     }
     return [write_atomically(Path(folder) / name, text) for name, text in texts.items()]
+
+
+C_HEADERS = (
+    "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits", "locale", "math", "setjmp", "signal",
+    "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "tgmath", "time", "wchar", "wctype",
+)  # fmt: skip
 
 
 def _require_name(argument: str, name: str) -> None:

@@ -67,6 +67,10 @@ def law_cases(
         tau, after, log = law.update(t, q, v, state)
         results = [tau, *(log[key] for key in traced.keys.values()), traced.layout.flat(after)]
         expected = np.concatenate([_numbers(x) for x in results])
+        if not np.isfinite(expected).all():
+            raise ValueError(
+                f"controllers: expected finite torques and states, got some that are not at q = {q}, v = {v}"
+            )
         steps.append(Case(_flat(_Moment(law, t, q, v, state), step), expected))
     return steps, starts
 
