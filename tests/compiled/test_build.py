@@ -185,3 +185,17 @@ def test_a_cc_that_does_not_build_is_told(fresh, monkeypatch, caplog, asked):
     assert build.compiler() is not None
     assert f"CC={asked} cannot build" in caplog.text
     assert any(f"CC={asked} cannot build" in text for text in diagnose().verdict)
+
+
+def test_without_a_compiler_what_runs_away_is_the_same(arm, law, q0, fresh, monkeypatch):
+    vary = {"controller.gains.K_d": law.gains.K_d * np.array([1.0, 200.0, 1.1])[:, None, None]}
+    settings = {"vary": vary, "log": ("q",), "metrics": {"q": ("max", "rms", "last"), "tau": "max"}}
+    native = k1607.rollout(arm, law, q0, 0.3, **settings)
+    assert np.isfinite(native.failed_at.values).tolist() == [False, True, False]
+    monkeypatch.setenv("K1607_COMPILER", "none")
+    build.compiler.cache_clear()
+    forget()
+    with pytest.warns(RuntimeWarning, match="no C compiler"):
+        interpreted = k1607.rollout(arm, law, q0, 0.3, **settings)
+    for name in native.data_vars:  # rounding grows where it runs away
+        np.testing.assert_allclose(interpreted[name], native[name], rtol=1e-5, atol=1e-9)

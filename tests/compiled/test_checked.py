@@ -209,6 +209,7 @@ def test_a_torque_that_is_not_finite_is_never_limited_to_one(arm, q0, kind, sinc
     run = k1607.rollout(plant, law, q0, 0.2, metrics={"tau": ("max", "min", "rms", "last"), "q": "mean"})
     assert run.failed_at.values[0] == pytest.approx(failed.value.time)
     np.testing.assert_allclose(run.q_end.values[0], failed.value.q, atol=1e-12)
+    assert np.isfinite(run.work.values).all()
     for name in ("tau_max", "tau_min", "tau_rms", "tau_last", "q_mean"):
         assert np.isfinite(run[name].values).all() == (since > 0), name
 

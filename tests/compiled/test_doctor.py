@@ -58,3 +58,9 @@ def test_command():
     assert set(found) >= {"versions", "compiler", "lanes", "cache", "step", "verdict"}
     shown = subprocess.run([sys.executable, "-m", "k1607_pin.cli", "doctor"], capture_output=True, text=True)
     assert "compiler" in shown.stdout
+
+
+@pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
+def test_what_is_slow_is_told(fresh, monkeypatch):
+    monkeypatch.setattr("k1607_pin.compiled.doctor.ENOUGH", 1e-12)
+    assert any("slower than" in text for text in diagnose().verdict)

@@ -387,3 +387,50 @@ def test_ctrl_c_is_heard_within_a_second_or_so(tmp_path):
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert "KeyboardInterrupt" in said
+
+
+WILD = np.array([1.0, 200.0])[:, None, None]  # times K_d: as it is, and far too much for torques held 10 ms
+
+
+def test_what_has_run_away_stays_where_it_was(arm, law, q0):
+    """Whatever is gripped afterwards, and whatever the others do."""
+    settings = {"payloads": [(0.25, k1607.Payload(8.0))], "from_rest": True}
+    vary = {"controller.gains.K_d": law.gains.K_d * WILD}
+    run = k1607.rollout(arm, law, q0, 0.3, vary=vary, **settings)
+    with pytest.raises(SimulationError) as lost:
+        k1607.simulate(
+            arm, replace(law, gains=Gains(law.gains.K_p, vary["controller.gains.K_d"][1])), q0, 0.3, **settings
+        )
+    assert lost.value.time < 0.2
+    np.testing.assert_allclose(run.v_end[1], lost.value.v, rtol=1e-5)
+    np.testing.assert_allclose(run.q_end[1], lost.value.q, rtol=1e-6)
+
+
+def test_logs_of_a_block_that_has_run_away_end_in_nothing(arm, law, q0):
+    vary = {"controller.gains.K_d": law.gains.K_d * WILD[[1] * 8]}
+    run = k1607.rollout(arm, law, q0, 0.3, vary=vary, log=("q", "t"))
+    after = run.time.values > run.failed_at.values.max()
+    assert after.any()
+    assert np.isnan(run.q.values[:, after]).all()
+    assert np.isfinite(run.q.values[:, ~after][:, :3]).all()
+
+
+@dataclass(frozen=True)
+class Remembers:
+    """A law without ``initial``: what it starts from depends on its own number, and on where it is."""
+
+    k: float
+
+    def start(self, q, v, duration):
+        return {"memory": self.k * q}
+
+    def update(self, t, q, v, state):
+        return state["memory"] - self.k * q - v, {"memory": 0.9 * state["memory"]}, {}
+
+
+def test_a_start_that_depends_on_what_varies_is_asked_for_each(arm, q0):
+    k = np.array([1.0, 5.0, 20.0, 50.0, 70.0])
+    run = k1607.rollout(arm, Remembers(1.0), q0, 0.2, vary={"controller.k": k}, metrics={"tau": "max"})
+    for i, x in enumerate(k):
+        reference = k1607.simulate(arm, Remembers(x), q0, 0.2)
+        np.testing.assert_allclose(run.q_end[i], reference.q[-1], atol=1e-10)

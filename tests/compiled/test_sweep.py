@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tracemalloc
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import k1607_pin as k1607
+from k1607_pin.compiled import sweep as sweep_module
 from k1607_pin.compiled.chunks import Cut
 from k1607_pin.compiled.rollout import Rollouts, rollouts
 from k1607_pin.compiled.workers import Workers, WorkersLostError
@@ -369,3 +371,65 @@ def test_results_called_as_parameters_are_refused():
     made = k1607.rollouts(arm, Hold(), 0.05, metrics={}, signals={"q0": lambda log: log["t"]}, log=("q0",))
     with pytest.raises(ValueError, match="q0 as both"):
         k1607.sweep(made, k1607.Listed({"q0": START[None]}))
+
+
+def test_a_store_is_of_one_closed_loop_and_one_way_of_drawing(run, tmp_path):
+    pytest.importorskip("zarr")
+    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
+    longer = rollouts(
+        k1607.load_k1607(gravity=(0, 0, 0)), Hold(), 0.11, payloads=[(0.03, k1607.Payload(1.0))],
+        varied=("payloads.0.payload.mass",), metrics={"error": ("max", "rms"), "tau": ("max",)},
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="closed loop: "):
+        k1607.sweep(longer, DRAWN, chunk=50, store=tmp_path / "s")
+    with pytest.raises(ValueError, match="points: sobol, now random"):
+        k1607.sweep(run, k1607.Drawn(DRAWN.distributions, 150, 3, "random"), chunk=50, store=tmp_path / "s")
+
+
+def test_the_fingerprint_tells_paths_and_payloads_apart():
+    """Which are tables, and not in the programs."""
+    study = study_case(1)
+    other = replace(study, law=replace(study.law, path=replace(study.law.path, rate=3.4)))
+    later = replace(study, duration=study.duration + 3 * study.law.period)
+    assert len({one.rollouts(()).fingerprint() for one in (study, other, later)}) == 3
+
+
+def test_what_a_killed_writer_left_is_cleared_away(run, tmp_path):
+    pytest.importorskip("zarr")
+    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
+    left = tmp_path / "s" / "error_max" / "0.0.partial"
+    left.touch()
+    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
+    assert not left.exists()
+
+
+class KilledWorker(Exception):
+    """As dask's, which is known by its name."""
+
+
+def test_workers_that_dask_gives_up_are_asked_again():
+    calls = []
+
+    def dies_twice(k):
+        calls.append(k)
+        if calls.count(k) < 3:
+            raise KilledWorker
+        return k
+
+    with Workers(partial(ThreadPoolExecutor, 2)) as workers:
+        assert sorted(workers.results(dies_twice, [(0, (0,)), (1, (1,))], None)) == [(0, 0), (1, 1)]
+
+
+def test_default_chunks_are_bounded():
+    for count in (1, 100, 10**5, 10**8):
+        chunk = sweep_module._chunk(count, 80)
+        assert 1 <= chunk <= sweep_module.MOST
+        assert chunk * 80 <= sweep_module.CHUNK_BYTES
+    assert sweep_module._chunk(10**8, sweep_module.CHUNK_BYTES) == 1
+
+
+@pytest.mark.parametrize(("points", "bits"), [("sobol", 33), ("random", 53)])
+def test_shares_are_in_the_middle_of_their_cells(points, bits):
+    """And never 0 or 1, of which a normal distribution would make infinity."""
+    drawn = k1607.Drawn({"a": k1607.Uniform(0.0, 1.0)}, 4096, 1, points).values(0, 4096)["a"]
+    assert (drawn * 2.0**bits % 2 == 1).all()
