@@ -329,14 +329,12 @@ class Pulled:
 def test_what_a_function_of_one_s_own_reads_may_change(arm, q0):
     gain = np.array([1.0])
     law = Pulled(arm, lambda t, v: -gain[0] * v)
-    signals = {"pull": lambda log: gain[0] * log["t"]}
     ends = []
     for x in (1.0, 50.0):
         gain[0] = x
-        run = k1607.rollout(arm, law, q0, 0.1, np.ones(7), signals=signals, metrics={"pull": "last"})
+        run = k1607.rollout(arm, law, q0, 0.1, np.ones(7), metrics={})
         reference = k1607.simulate(arm, law, q0, 0.1, np.ones(7))
         np.testing.assert_allclose(run.q_end.values[0], reference.q.values[-1], atol=1e-9)
-        assert run.pull_last.values[0] == pytest.approx(0.1 * x)
         ends.append(run.q_end.values)
     assert np.abs(ends[0] - ends[1]).max() > 1e-3
 
@@ -434,3 +432,35 @@ def test_a_start_that_depends_on_what_varies_is_asked_for_each(arm, q0):
     for i, x in enumerate(k):
         reference = k1607.simulate(arm, Remembers(x), q0, 0.2)
         np.testing.assert_allclose(run.q_end[i], reference.q[-1], atol=1e-10)
+
+
+def test_what_a_signal_of_one_s_own_reads_may_change(arm, law, q0):
+    gain = np.array([1.0])
+    signals = {"pull": lambda log: gain[0] * log["t"]}
+    for x in (1.0, 50.0):
+        gain[0] = x
+        run = k1607.rollout(arm, law, q0, 0.1, signals=signals, metrics={"pull": "last"})
+        assert run.pull_last.values[0] == pytest.approx(0.1 * x)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """A law whose torque is no number from a time on."""
+
+    since: float
+
+    def start(self, q, v, duration):
+        return None
+
+    def update(self, t, q, v, state):
+        return -5 * v - np.where(t < self.since, 1.0, np.sqrt(-1 - q * q)), state, {}
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_work_ends_with_the_last_torque_that_is_one(arm, q0):
+    """Beside a loop that goes on."""
+    run = k1607.rollout(arm, Ends(1.0), q0, 0.2, vary={"controller.since": [0.05, 1.0]}, metrics={})
+    short = k1607.rollout(arm, Ends(1.0), q0, 0.05, metrics={})
+    np.testing.assert_allclose(run.failed_at, [0.05, np.nan])
+    assert run.work[0] == pytest.approx(float(short.work[0]), rel=1e-9)
+    assert abs(run.work[1]) > 1.5 * abs(run.work[0]) > 0

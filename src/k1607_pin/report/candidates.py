@@ -17,6 +17,7 @@ from k1607_pin.report.unknowns import NAMES
 from k1607_pin.simulation.integrators import runge_kutta_4
 
 WELL_WITHIN = np.log([0.77, 1.23])  # of what counts as met, 0.75 to 1.25
+WANTED, NEAR = 12, 1.095  # so many are to be well within 10 %
 VARIED = (
     "controller.gains.K_p", "controller.gains.K_d", "controller.beta_1", "controller.beta_2", "controller.rotation",
     "plant.viscous", "plant.arm.armature", "payloads.0.payload.cg",
@@ -47,11 +48,12 @@ def published_errors() -> np.ndarray:
 
 
 def worth(outcome: Outcome, limits: bool) -> np.ndarray:
-    """(N,) the smaller the better: mean |log ratio| and ten times what is beyond 23 %, what is not negligible, and with
-    ``limits`` what is beyond the joints' limits."""
+    """(N,) the smaller the better: mean |log ratio| and ten times what is beyond 23 %, five times what the `WANTED`th best is beyond
+    `NEAR`, what is not negligible, and with ``limits`` what is beyond the joints' limits."""
     off = np.log(np.maximum(outcome.ratios, 1e-6))
     beyond = np.maximum(WELL_WITHIN[0] - off, 0.0) + np.maximum(off - WELL_WITHIN[1], 0.0)
     value = np.mean(np.abs(off) + 10 * beyond, axis=1)
+    value += 5 * np.maximum(np.sort(np.abs(off), axis=1)[:, WANTED - 1] - np.log(NEAR), 0.0)
     value += np.sum(np.log(np.maximum(outcome.words / 0.95, 1.0)), axis=1)
     if limits:
         value += 20 * outcome.outside
