@@ -15,7 +15,7 @@ from k1607_pin.report.determined import determined
 from k1607_pin.report.identification_figure import figure_identification
 from k1607_pin.report.identify import identify
 from k1607_pin.report.sensitivity import ratios
-from k1607_pin.report.starts import angles_of, rotation, start_of, starts, x_of_starts
+from k1607_pin.report.starts import angles_of, line_s_end, rotation, start_of, starts, x_of_starts
 from k1607_pin.report.unknowns import LOWER, NAMES, UNKNOWNS, UPPER, from_steps, to_steps, values_of, with_values
 
 
@@ -46,9 +46,13 @@ def test_worth_is_least_where_all_agree_and_grows_with_each_trouble(outcome):
         {"ratios": np.r_[1.5, np.ones(15)][None]},
         {"words": np.array([[1.2, 0.0, 0.0, 0.0]])},
         {"outside": np.array([0.1])},
+        {"missed": np.array([1e-3])},
+        {"ratios": np.r_[np.full(5, 1.2), np.ones(11)][None]},
     ):
         assert worth(ideal._replace(**trouble), True)[0] > 0.0
-        assert not accepted(ideal._replace(**trouble), True)[0]
+        assert accepted(ideal._replace(**trouble), True)[0] == (trouble.get("ratios", np.array([2.0])).max() == 1.2)
+    four, five = (ideal._replace(ratios=np.r_[np.full(k, 1.2), np.ones(16 - k)][None]) for k in (4, 5))
+    assert worth(five, True)[0] - worth(four, True)[0] > 0.3  # twelve within 10 %, or not
     lost = ideal._replace(ratios=np.full((1, 16), np.nan))
     late, early, never = (worth(lost._replace(alive=np.array([x])), True)[0] for x in (0.9, 0.3, -1.0))
     assert worth(ideal._replace(ratios=np.full((1, 16), 3.0)), True)[0] < late < early < never
@@ -91,6 +95,24 @@ def test_starts_hold_the_tool_where_it_is_wanted(committed):
     assert not starts(known, wanted + 300.0 * np.eye(6)[0])[1].any()  # out of reach
 
 
+def test_the_line_s_end_is_where_the_arm_can_come_to(committed):
+    """Told apart as by the search of all branches that `simulate` makes before it begins."""
+    candidates = Candidates(committed, threads=1)
+    case = candidates.cases[1]
+    q = candidates.known
+    bent = q + 0.2 * np.eye(7)[3]  # at the elbow; the committed posture comes to the end of its reach
+    missed, way = line_s_end(np.stack([q, bent]))
+    for one, end, off in zip((q, bent), way[:, -1], missed, strict=True):
+        T, there = case.plant.arm.forward_kinematics(one), case.plant.arm.forward_kinematics(end)
+        wanted = T.translation + np.array([9.0, 18.0, 0.0]) * 0.0254
+        assert off < 1e-9
+        assert np.allclose(there.translation, wanted, atol=1e-9)
+        assert np.allclose(there.rotation, T.rotation, atol=1e-9)
+    stretched = q.copy()
+    stretched[3] = np.deg2rad(20.0)  # the elbow nearly straight: 18 in further there is nothing
+    assert line_s_end(stretched[None])[0][0] > 1e-2
+
+
 def test_a_start_out_of_reach_is_worth_least(committed):
     values = np.tile(values_of(committed), (2, 1))
     values[1, NAMES.index("z0")] = 60.0
@@ -111,7 +133,10 @@ def test_the_strategy_finds_a_bent_valley():
 
 @pytest.fixture(scope="module")
 def truth(committed):
-    """A set of our own, the numbers it would have published, and a start beside it."""
+    """A set of our own, well within reach, the numbers it would have published, and a start beside it."""
+    committed = copy.deepcopy(committed)
+    committed["start"]["z0_in"] -= 1.0
+    committed["gains"]["K_p_N_m_rad"] *= 0.7  # and its wrist farther from being lost
     start = copy.deepcopy(committed)
     start["gains"]["K_d_x_N_s_m"] *= 0.6
     start["gains"]["K_d_y_N_s_m"] *= 0.6

@@ -12,11 +12,12 @@ from k1607_pin.description.units import INCH
 from k1607_pin.report.cases import as_published
 from k1607_pin.report.published import WITHIN
 from k1607_pin.report.published_cases import ERRORS, SMALL, SMALL_ANGLE
-from k1607_pin.report.starts import rotation, starts, x_of_starts
+from k1607_pin.report.starts import line_s_end, rotation, starts, x_of_starts
 from k1607_pin.report.unknowns import NAMES
 from k1607_pin.simulation.integrators import runge_kutta_4
 
 WELL_WITHIN = np.log([0.77, 1.23])  # of what counts as met, 0.75 to 1.25
+REACHED = 1e-6  # m, rad
 WANTED, NEAR = 12, 1.095  # so many are to be well within 10 %
 VARIED = (
     "controller.gains.K_p", "controller.gains.K_d", "controller.beta_1", "controller.beta_2", "controller.rotation",
@@ -39,6 +40,8 @@ class Outcome(NamedTuple):
     """(N,) share of the two runs that went well"""
     postures: np.ndarray
     """(N, 2, 7) rad at the two starts"""
+    missed: np.ndarray
+    """(N,) m and rad by which the arm cannot come to the line's end"""
 
 
 def published_errors() -> np.ndarray:
@@ -48,8 +51,8 @@ def published_errors() -> np.ndarray:
 
 
 def worth(outcome: Outcome, limits: bool) -> np.ndarray:
-    """(N,) the smaller the better: mean |log ratio| and ten times what is beyond 23 %, five times what the `WANTED`th best is beyond
-    `NEAR`, what is not negligible, and with ``limits`` what is beyond the joints' limits."""
+    """(N,) the smaller the better: mean |log ratio| and ten times what is beyond 23 %, five times what the `WANTED`th best is
+    beyond `NEAR`, what is not negligible, and with ``limits`` what is beyond the joints' limits."""
     off = np.log(np.maximum(outcome.ratios, 1e-6))
     beyond = np.maximum(WELL_WITHIN[0] - off, 0.0) + np.maximum(off - WELL_WITHIN[1], 0.0)
     value = np.mean(np.abs(off) + 10 * beyond, axis=1)
@@ -57,6 +60,7 @@ def worth(outcome: Outcome, limits: bool) -> np.ndarray:
     value += np.sum(np.log(np.maximum(outcome.words / 0.95, 1.0)), axis=1)
     if limits:
         value += 20 * outcome.outside
+    value += np.where(outcome.missed > REACHED, 0.3 + 200 * outcome.missed, 0.0)
     lost = np.where(outcome.alive >= 0, LOST + 5 * (1 - outcome.alive), NO_START)
     return np.where(np.isnan(value), lost, np.minimum(value, LOST))
 
@@ -64,6 +68,7 @@ def worth(outcome: Outcome, limits: bool) -> np.ndarray:
 def accepted(outcome: Outcome, limits: bool) -> np.ndarray:
     """(N,) whether all 16 numbers are met, what is called negligible is, and with ``limits`` the joints keep to theirs."""
     met = (np.abs(outcome.ratios - 1) <= WITHIN).all(axis=1) & (outcome.words <= 1).all(axis=1)
+    met &= outcome.missed <= REACHED
     return met & (outcome.outside == 0) if limits else met
 
 
@@ -106,7 +111,11 @@ class Candidates:
             for duration in np.unique(lasting[found]):
                 these = np.flatnonzero(found & (lasting == duration))
                 self._run(number, duration, of, postures, these, (ratios, words, outside, alive))
-        return Outcome(ratios, words, outside, alive, postures)
+        missed, way = line_s_end(postures[:, 0])
+        arm = self.cases[1].plant.arm
+        beyond = np.maximum(way - arm.upper, 0.0) + np.maximum(arm.lower - way, 0.0)
+        outside = np.maximum(outside, beyond.max(axis=(1, 2)))
+        return Outcome(ratios, words, outside, alive, postures, missed)
 
     def _run(self, number: int, duration: float, of: Any, postures: np.ndarray, these: np.ndarray, into: Any) -> None:
         ratios, words, outside, alive = into

@@ -9,6 +9,8 @@ from k1607_pin.kinematics.closed_form import forward_kinematics, jacobian
 STAGES = 4  # from the known posture to the wanted one
 NEWTON = 3  # steps at each
 CLOSE = 1e-9  # m, rad: reached
+SLOWLY = 40  # steps there: stretched out, each takes off little
+SOFT = 1e-9  # of J J^T, on the way to the line's end, which may be out of reach
 DAMPING = 1e-9  # of the normal equations: a singular posture must not stop the others
 
 
@@ -68,6 +70,30 @@ def starts(known: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray
         q, _ = _newton(q, start + share * (last - start), (1 - share) * x_1 + share * x_2, 0.0)
     q_2, also = _newton(q, last, x_2, 0.0)
     return np.stack([q_1, q_2], axis=1), first & also
+
+
+def line_s_end(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the arm comes to on its way from postures q (N, 7) rad along case 1's line, the tool held as it is there.
+
+    Returns
+    -------
+    (N,) m and rad by which it misses the line's end, and (N, STAGES, 7) rad on the way.
+    """
+    facts = data.load("published")["case1"]
+    extent = np.array([facts["xf_in"] - facts["x0_in"], facts["yf_in"] - facts["y0_in"], 0.0]) * INCH
+    T = forward_kinematics(q)
+    way = []
+    for share in np.arange(1, 2 * STAGES + 1) / (2 * STAGES):
+        for _ in range(2 * NEWTON if share < 1 else SLOWLY):
+            now = forward_kinematics(q)
+            turn = _rotation_vector(T[:, :3, :3] @ now[:, :3, :3].swapaxes(-1, -2))
+            error = np.concatenate([T[:, :3, 3] + share * extent - now[:, :3, 3], turn], axis=-1)
+            J = jacobian(q)
+            Jt = J.swapaxes(-1, -2)
+            step = (Jt @ np.linalg.solve(J @ Jt + SOFT * np.eye(6), error[..., None]))[..., 0]
+            q = q + step.clip(-0.5, 0.5)
+        way.append(q)
+    return np.abs(error).max(axis=-1), np.stack(way, axis=1)
 
 
 def _newton(q: np.ndarray, start: np.ndarray, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
