@@ -126,7 +126,9 @@ class Scalar(Law):
 
 
 class LogOfTheKind(Law):
-    variables = {"kind": ((), "")}  # noqa: RUF012
+    @property
+    def variables(self):
+        return {"kind": ((), "")}
 
     def update(self, t, q, v, state):
         return -v, state, {"kind": np.sum(v) if isinstance(q, np.ndarray) else 2 * np.sum(v)}

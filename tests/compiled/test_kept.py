@@ -94,7 +94,10 @@ def nudged(arm, change):
 def others(arm, cartesian, q0):
     """What differs from the plain setup in one thing, by one unit of the last place where it is a number."""
     law = cartesian(arm)
-    up = lambda x: np.nextafter(x, np.inf)  # noqa: E731
+
+    def up(x):
+        return np.nextafter(x, np.inf)
+
     gains = law.gains
     for name, x in {
         "beta": replace(law, beta_1=up(law.beta_1)),
