@@ -224,3 +224,18 @@ class ClippedItself(Law):
 @pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
 def test_clipping_does_not_make_numbers_of_what_is_none(arm, q0):
     assert k1607.rollout(arm, ClippedItself(), q0, 0.1, metrics={"tau": "max"}).failed_at.values[0] == 0.0
+
+
+class SmallBesideLarge(Law):
+    """A state of 1e9, beside which the torque is nothing, and a torque that is another one on symbols."""
+
+    def start(self, q, v, duration):
+        return np.array([1e9])
+
+    def update(self, t, q, v, state):
+        return -v + (0.1 if isinstance(q, np.ndarray) else 0.2), state, {}
+
+
+def test_a_small_torque_is_not_hidden_by_a_large_state(arm, q0):
+    with pytest.raises(TracingError, match="on numbers"):
+        k1607.rollout(arm, SmallBesideLarge(), q0, 0.1, metrics={"tau": "max"})

@@ -22,6 +22,7 @@ logger = logging.getLogger(__name__)
 
 TIMES = np.concatenate([np.arange(13) * 0.01, np.geomspace(0.2, 100.0, 13)])  # s
 AGREE = 1e-9  # of the largest entry over all times: rounding is a millionth of it
+SHARE = 1e-6
 MIDDLE, SWING, SPEED = 0.1, 0.05, 0.1  # rad times 1, 2, ...; rad; rad/s
 
 
@@ -99,8 +100,9 @@ def _compare(
 
 
 def _require_close(what: str, times: np.ndarray, traced: np.ndarray, wanted: np.ndarray) -> None:
-    """Columns are compared by their largest entries; rows stand for times."""
-    scale = np.maximum(np.nanmax(np.where(np.isfinite(wanted), np.abs(wanted), 0.0), initial=0.0), 1e-3)
+    """Each column by its largest entry, or by `SHARE` of the largest of all, of which it may be a difference; rows are times."""
+    size = np.where(np.isfinite(wanted), np.abs(wanted), 0.0)
+    scale = np.maximum(size.max(axis=0, initial=0.0), max(SHARE * size.max(initial=0.0), 1e-3))
     with np.errstate(invalid="ignore"):
         same = (np.abs(traced - wanted) <= AGREE * scale) | (traced == wanted) | (np.isnan(traced) & np.isnan(wanted))
     if not same.all():
