@@ -1,5 +1,6 @@
 """What every test may use: three arms, and examples that come out the same on every run."""
 
+import signal
 from collections.abc import Callable
 
 import numpy as np
@@ -7,6 +8,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import k1607_pin as k1607
+
+# A shell's background jobs ignore Ctrl-C, and so would the processes that tests start and send it to.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples on every run and every machine. `pytest --hypothesis-profile=explore` looks for new ones.
 settings.register_profile(
