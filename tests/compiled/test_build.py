@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,18 @@ def test_built_once(arm, law, q0, fresh):
     forget()
     k1607.rollout(arm, law, q0 + 0.01, 0.1)  # of another start and length
     assert {file: file.stat().st_mtime_ns for file in fresh.iterdir()} == before
+
+
+def test_another_version_of_the_compiler_builds_anew(fresh):
+    """Under the same name: what is in the cache may be what it did wrong."""
+    made = build.compiler()
+    text = "#define W 1\nint seven(void) { return 7; }\n"
+    build.library(text, made)
+    before = {file.name for file in fresh.iterdir()}
+    build.library(text, made)
+    assert {file.name for file in fresh.iterdir()} == before
+    build.library(text, replace(made, version="a later one"))
+    assert len({file.name for file in fresh.iterdir()} - before) == 2  # the library and its hash
 
 
 def test_many_processes_may_build_at_once(fresh):

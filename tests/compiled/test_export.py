@@ -5,7 +5,9 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -235,6 +237,28 @@ def test_a_sample_that_is_not_finite_leaves_the_state_alone(reference, tmp_path)
 
 
 @needs_cc
+def test_a_next_state_that_is_not_finite_is_not_kept(reference, tmp_path):
+    """Its torque looks well."""
+
+    class Squaring:
+        arm = reference
+
+        def initial(self, q, v):
+            return np.ones(1)
+
+        def update(self, t, q, v, state):
+            return -q, state * state, {}
+
+    export(reference, tmp_path, {"law": Squaring()}, functions=(), prefix="arm")
+    assert not compiled(tmp_path, *STRICT, "arm_law.c", "-shared", "-fPIC", "-o", "law.so", "-lm").returncode
+    step = ctypes.CDLL(str(tmp_path / "law.so")).arm_law_step
+    state, torque, q = array(np.array([1e100])), array(np.ones(7)), array(np.ones(7))
+    assert [step(q, q, state, torque) for _ in range(3)] == [0, 1, 1]
+    assert state[0] == 1e200
+    assert not any(torque[:7])
+
+
+@needs_cc
 def test_the_library_needs_libm_alone(exported):
     """Undefined symbols of the library: libm's, and what compilers put in themselves."""
     if not shutil.which("nm"):
@@ -359,6 +383,16 @@ class Branching:
         return (q if q[0] > 0 else v), None, {}
 
 
+class Counting(Branching):
+    """A controller that remembers."""
+
+    calls = 0
+
+    def update(self, t, q, v, state):
+        self.calls += 1
+        return self.calls * q, None, {}
+
+
 class Previewing(Branching):
     path = staticmethod(lambda t: np.full(7, t))
 
@@ -370,7 +404,10 @@ class Previewing(Branching):
         return self.path(t + 0.1) - q, None, {}
 
 
-@pytest.mark.parametrize(("law", "words"), [(Branching, "np.where"), (Previewing, "the time of the sample")])
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [(Branching, "np.where"), (Previewing, "the time of the sample"), (Counting, "law_step gives another torque")],
+)
 def test_a_controller_that_cannot_be_exported_says_why(reference, tmp_path, law, words):
     with pytest.raises(TracingError, match=words):
         export(reference, tmp_path, {"law": law(reference)})
@@ -389,6 +426,59 @@ def test_a_controller_of_one_s_own_without_state(reference, tmp_path):
     assert "double t; " in header
     assert "initial_state" not in header
     assert selftest(tmp_path).returncode == 0
+
+
+class Nest:
+    """A state, and how to make the next of it; not looked into."""
+
+    def __init__(self, first):
+        self.first, self.layout = first, Layout(first)
+
+
+@dataclass(frozen=True)
+class Awkward:
+    """A law whose numbers have names that C has uses for, or that are none in C."""
+
+    arm: k1607.Arm
+    double: float
+    w1: Callable[..., np.ndarray]
+    torque: Callable[..., float]
+    sin: Callable[..., float]
+    nest: Nest
+    long: float = 2.0
+
+    def initial(self, q, v):
+        return self.nest.first
+
+    def update(self, t, q, v, state):
+        asked = self.w1(t, q, v) + np.hstack([self.torque(t, q, v), self.sin(t, q, v), np.zeros(5)])
+        x = np.stack(self.nest.layout.flat(state))
+        return self.double * asked + self.long * np.sin(q) - x[0], self.nest.layout.rebuilt(0.5 * x + v[0]), {}
+
+
+@needs_cc
+@pytest.mark.parametrize(
+    "state",
+    [
+        np.ones(2),
+        1.5,
+        (1.0, np.ones((2, 2))),
+        {"int": 1.0, "a b": 2.0, "a_b": 3.0, "2nd": np.ones(3), "ä": 5.0, "class": 6.0, "NAN": 7.0},
+        {"K": {"int": 1.0, "x": 2.0}, "L": {"int": 3.0, "x": 4.0}},
+    ],
+    ids=["array", "number", "tuple", "names", "nested"],
+)
+def test_any_names_become_names_of_c(reference, tmp_path, state):
+    def measured(shape):
+        return lambda t, q, v: 0.1 * np.ones(shape) if shape else 0.1
+
+    law = Awkward(reference, 3.0, measured((7,)), measured(()), measured(()), Nest(state))
+    export(reference, tmp_path, {"law": law}, functions=(), prefix="arm")
+    done = selftest(tmp_path)
+    assert done.returncode == 0, done.stdout
+    if cpp := shutil.which("c++"):
+        built = subprocess.run([cpp, "-x", "c++", "-fsyntax-only", tmp_path / "arm.h"], capture_output=True, text=True)
+        assert not built.returncode, built.stderr
 
 
 @needs_cc

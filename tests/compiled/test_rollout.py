@@ -261,9 +261,13 @@ def by_float(q, v):
     return q * float(v[0])
 
 
+def by_array(q, v):
+    return np.array([*q[:6], v[6]])
+
+
 @pytest.mark.parametrize(
     ("torque", "said"),
-    [(if_in_python, "q if q[0] > 0 else v.*np.where"), (svd, "numpy.linalg.svd"), (by_float, "turned into a Python float")],
+    [(if_in_python, "q if q[0] > 0 else v.*np.where"), (svd, "numpy.linalg.svd"), (by_float, "turned into a Python float"), (by_array, "use np.stack")],
 )  # fmt: skip
 def test_what_cannot_be_traced_is_named(arm, torque, said, q0):
     with pytest.raises(k1607.TracingError, match=f"(?s){said.replace('[', '.').replace(']', '.')}"):

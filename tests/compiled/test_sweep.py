@@ -205,6 +205,26 @@ def test_a_sweep_that_is_killed_goes_on_in_another_process(tmp_path):
     xr.testing.assert_identical(again, k1607.sweep(loop, drawn, study.q0))
 
 
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_a_sweep_that_is_killed_while_it_makes_its_store_is_begun_again(run, expected, tmp_path):
+    pytest.importorskip("zarr")
+    killed = KILLED.replace(
+        "die =", "import zarr; zarr.consolidate_metadata = lambda *_, **__: os.kill(os.getpid(), 9)\ndie ="
+    )
+    assert killed != KILLED
+    done = subprocess.run([sys.executable, "-c", killed, str(tmp_path / "s")], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert not (tmp_path / "s").exists()
+    same(k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s"), expected)
+
+
+def test_an_empty_folder_will_do_for_a_store(run, expected, tmp_path):
+    pytest.importorskip("zarr")
+    (tmp_path / "s").mkdir()
+    same(k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s"), expected)
+    assert [f.name for f in tmp_path.iterdir()] == ["s"]
+
+
 def test_memory_is_bounded_with_a_store(run, tmp_path):
     pytest.importorskip("zarr")
     drawn = k1607.Drawn(DRAWN.distributions, 60_000)

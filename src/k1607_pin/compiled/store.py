@@ -1,5 +1,6 @@
 """Where a sweep's results are kept: in memory, or in a zarr store that outlives the process."""
 
+import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -85,20 +86,15 @@ class InStore:
         except FileNotFoundError:
             if folder and folder.exists() and any(folder.iterdir()):
                 raise ValueError(f"store: expected a new folder or the store of a sweep, got {store}") from None
-            frame.to_zarr(self._store, mode="w-", zarr_format=2, consolidated=False)
+            if folder:
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as beside:
+                    made = Path(beside) / folder.name
+                    _create(str(made), frame, variables, parameters, cut, identity)
+                    made.replace(folder)  # whole or not at all
+            else:
+                _create(self._store, frame, variables, parameters, cut, identity)
             group = zarr.open_group(self._store, mode="r+", zarr_format=2, use_consolidated=False)
-            _create(group, variables, cut)
-            group.attrs["coordinates"] = " ".join(parameters)
-            zarr.consolidate_metadata(self._store, zarr_format=2)
-            # last, so that a store with marks is a whole one
-            group.create_array(
-                MARKS,
-                shape=(cut.count,),
-                chunks=(cut.count,),
-                dtype="bool",
-                fill_value=False,
-                attributes={"of": dict(identity)},
-            )
         if MARKS not in group:
             raise ValueError(
                 f"store: expected the store of a sweep, got {store}; delete it if its making was interrupted"
@@ -122,7 +118,18 @@ class InStore:
         return found.drop_vars(list(results)).assign(results)  # zarr knows no order
 
 
-def _create(group: Any, variables: Mapping[str, Variable], cut: Cut) -> None:
+def _create(
+    store: str,
+    frame: xr.Dataset,
+    variables: Mapping[str, Variable],
+    parameters: Iterable[str],
+    cut: Cut,
+    identity: Mapping[str, str],
+) -> None:
+    import zarr
+
+    frame.to_zarr(store, mode="w-", zarr_format=2, consolidated=False)
+    group = zarr.open_group(store, mode="r+", zarr_format=2, use_consolidated=False)
     box = dict(zip(cut.dims, cut.box, strict=True))
     for name, x in variables.items():
         group.create_array(
@@ -133,6 +140,17 @@ def _create(group: Any, variables: Mapping[str, Variable], cut: Cut) -> None:
             fill_value=np.nan,
             attributes={**x.attrs, "_ARRAY_DIMENSIONS": list(x.dims)},
         )
+    group.attrs["coordinates"] = " ".join(parameters)
+    zarr.consolidate_metadata(store, zarr_format=2)
+    # last, so that a store with marks is a whole one, where it cannot be made beside and renamed
+    group.create_array(
+        MARKS,
+        shape=(cut.count,),
+        chunks=(cut.count,),
+        dtype="bool",
+        fill_value=False,
+        attributes={"of": dict(identity)},
+    )
 
 
 def _require_same(earlier: Mapping[str, str], now: Mapping[str, str]) -> None:

@@ -152,7 +152,11 @@ def explained(name: str) -> Iterator[None]:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if "casadi" not in f.filename]
         where = f"{frames[-1].filename}:{frames[-1].lineno}: {frames[-1].line}" if frames else "its code"
         reason = str(error).strip().splitlines()[-1] if str(error) else type(error).__name__
-        hint = ""
-        if "truth value" in str(error):
-            hint = " (a Python condition on a traced number; use np.where)"
+        hint = next((hint for words, hint in HINTS.items() if words in str(error)), "")
         raise TracingError(f"{name}: cannot be compiled: {where}: {reason}{hint}") from error
+
+
+HINTS = {
+    "truth value": " (a Python condition on a traced number; use np.where)",
+    "symbolic SX to a numpy array": " (an array made of traced numbers; use np.stack, np.hstack or np.concatenate)",
+}

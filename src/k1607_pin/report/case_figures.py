@@ -63,7 +63,7 @@ def draw(runs: Runs, progress: Callable[[str], None]) -> tuple[dict[str, Figure]
         )
         analysis = lyapunov(run, study.law.model, study.law.beta_1, study.law.beta_2)
         holds = analysis.premise_holds
-        premise[number] = float(holds.mean()), float(holds.time[int(holds.argmin())])
+        premise[number] = float(holds.mean()), float(holds.time[int(np.argmin(holds.values))])
         figures[f"case-{number}-lyapunov"] = plots.lyapunov_rate(analysis, f"Case {number}, {name}: (56) on the arm")
         figures[f"case-{number}-recommended"] = plots.position_errors(
             runs[number, "recommended"][1], f"Case {number}, {name}: 1 kHz, full gravity", "xyz"

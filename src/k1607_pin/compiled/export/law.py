@@ -12,11 +12,13 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.export.arm import inputs_of
 from k1607_pin.compiled.export.cases import law_cases
-from k1607_pin.compiled.export.function import Argument, Field, Function, Struct
+from k1607_pin.compiled.export.function import Argument, Field, Function, Struct, fields
 from k1607_pin.compiled.export.trace import ROLES, Leaf, TracedLaw
-from k1607_pin.compiled.export.words import RENAMED, described, options, title
+from k1607_pin.compiled.export.words import RENAMED, described, name_in_c, options, title
+from k1607_pin.compiled.interpreted import function_of
 from k1607_pin.compiled.leaves import numbers
 from k1607_pin.compiled.program import Program
+from k1607_pin.compiled.tracer import TracingError
 
 STRUCTS = {
     "parameters": "What may be changed from run to run; `defaults` gives the values it was exported with.",
@@ -46,7 +48,8 @@ def exported_law(arm: Arm, name: str, controller: Any) -> Law:
     Raises
     ------
     TracingError
-        The controller does something that cannot be traced; the message says where.
+        The controller does something that cannot be traced; the message says where. Or traced it does something else than on
+        numbers.
     ValueError
         It has no ``initial``, so that it is not known what its state is.
     """
@@ -95,6 +98,8 @@ def exported_law(arm: Arm, name: str, controller: Any) -> Law:
             start_cases,
         )
         functions.insert(0, beginning)
+    for f in functions:
+        _require_known(f)
     own = numbers(controller)
     defaults = {names[leaf.key]: own[leaf.path] for leaf in step if leaf.role == "parameters"}
     return Law(name, title(controller), options(controller), tuple(functions), defaults)
@@ -105,14 +110,41 @@ def _used(program: Program) -> set[int]:
     return {node.place[0] for node in program.nodes if node.op == "input"}
 
 
+AGREE = 1e-9
+"""Of the largest number that is known of a result; the self-test's tolerance is smaller"""
+
+
+def _require_known(f: Function) -> None:
+    """That the program gives what the controller gives on numbers: not all that traces does."""
+    names = [str(k) for k in range(len(list(fields(f.inputs))))]
+    run, taken = function_of("f", f.program, names)
+    given, expected = (np.array([case[k] for case in f.cases]) for k in (0, 1))
+    parts = np.split(given, np.cumsum([x.size for _, x in fields(f.inputs)])[:-1], axis=1)
+    takes = [x.T[: run.size1_in(k)] if names[k] in taken else np.zeros((1, len(given))) for k, x in enumerate(parts)]
+    found = run.map(len(given))(*takes)
+    found = np.concatenate([x.full().T for x in (found if isinstance(found, tuple) else (found,))], axis=1)
+    first = 0
+    for _, field in fields(f.outputs):
+        here = slice(first, first := first + field.size)
+        off, largest = (np.abs(x[:, here]).max(initial=0.0) for x in (found - expected, expected))
+        if not off <= AGREE * max(largest, 1e-9):
+            raise TracingError(
+                f"controllers: {f.name} gives another {field.name} than the controller on numbers, {off:.2g} apart. A Python "
+                "condition, float(), something random or remembered, or a state that is no number does not trace"
+            )
+
+
 def _names(leaves: Sequence[Leaf]) -> dict[tuple[str, str], str]:
     """What C calls them: the end of the dotted name, as much of it as tells it from the others of its role."""
-    names = {}
+    names: dict[tuple[str, str], str] = {}
     for leaf in leaves:
         others = [other.path.split(".") for other in leaves if other.role == leaf.role and other is not leaf]
         parts = leaf.path.split(".")
         k = 1
         while k < len(parts) and any(other[-k:] == parts[-k:] for other in others):
             k += 1
-        names[leaf.key] = RENAMED.get(leaf.path, "_".join(parts[-k:]))
+        name = RENAMED.get(leaf.path) or name_in_c("_".join(parts[-k:]), leaf.role)
+        while (leaf.role, name) in {(role, given) for (role, _), given in names.items()}:
+            name += "_"  # "a b" beside "a_b"
+        names[leaf.key] = name
     return names

@@ -1,11 +1,13 @@
 """What the header says of the numbers that a control law takes and gives."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
+from k1607_pin.compiled.emit import LIBM
 from k1607_pin.compiled.export.function import Field
 from k1607_pin.control.practice import OFF, Practice
 
@@ -91,6 +93,30 @@ def options(controller: Any) -> tuple[str, ...]:
         on = [f"{name} {np.array2string(x)}" for name, x in values.items() if not np.array_equal(x, getattr(OFF, name))]
         lines += [f"Part of the code, {where}: {', '.join(on)}."] if on else []
     return tuple(lines)
+
+
+KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
+    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while NAN INFINITY "
+    "alignas alignof and and_eq asm bitand bitor bool catch class compl concept consteval constexpr constinit const_cast "
+    "co_await co_return co_yield decltype delete dynamic_cast explicit export false friend mutable namespace new noexcept not "
+    "not_eq nullptr operator or or_eq private protected public reinterpret_cast requires static_assert static_cast template "
+    "this thread_local throw true try typeid typename using virtual wchar_t xor xor_eq".split()
+)
+"""Of C and, for the header's sake, of C++; and what math.h makes of two more"""
+
+
+LOCAL = re.compile(
+    r"w\d+|q|v|ok|in|out|status|\w*_?state|torque|parameters|reference|mem\w+|" + "|".join([*OUTPUTS, *LIBM])
+)
+"""What stands beside the names of what is measured, in the code itself"""
+
+
+def name_in_c(name: str, role: str) -> str:
+    """A name that C takes, of any."""
+    name = re.sub(r"\W", "_", name, flags=re.ASCII)
+    good = re.match("[a-zA-Z]", name) and name not in KEYWORDS and not (role == "measured" and LOCAL.fullmatch(name))
+    return name if good else f"{role}_{name}".rstrip("_")
 
 
 def output_names(log: Mapping[str, Any]) -> dict[str, str]:
