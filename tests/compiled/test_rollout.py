@@ -267,8 +267,13 @@ def by_array(q, v):
 
 @pytest.mark.parametrize(
     ("torque", "said"),
-    [(if_in_python, "q if q[0] > 0 else v.*np.where"), (svd, "numpy.linalg.svd"), (by_float, "turned into a Python float"), (by_array, "use np.stack")],
-)  # fmt: skip
+    [
+        (if_in_python, "q if q[0] > 0 else v.*np.where"),
+        (svd, "numpy.linalg.svd"),
+        (by_float, "turned into a Python float"),
+        (by_array, "use np.stack"),
+    ],
+)
 def test_what_cannot_be_traced_is_named(arm, torque, said, q0):
     with pytest.raises(k1607.TracingError, match=f"(?s){said.replace('[', '.').replace(']', '.')}"):
         k1607.rollout(arm, Drive(torque), q0, 0.1)

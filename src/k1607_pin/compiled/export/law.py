@@ -71,7 +71,7 @@ def exported_law(arm: Arm, name: str, controller: Any) -> Law:
 
     there = inputs_of(arm)
     arguments: dict[str, tuple[Argument, ...]] = {
-        role: (Struct(role, fields, STRUCTS[role]),) if (fields := group(role)) else () for role in STRUCTS
+        role: (Struct(role, members, STRUCTS[role]),) if (members := group(role)) else () for role in STRUCTS
     }
     arguments |= {"q": (there["q"],), "v": (there["v"]._replace(says="joint velocities, measured"),)}
     arguments["measured"] = group("measured")

@@ -95,14 +95,16 @@ def options(controller: Any) -> tuple[str, ...]:
     return tuple(lines)
 
 
-KEYWORDS = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while NAN INFINITY "
-    "alignas alignof and and_eq asm bitand bitor bool catch class compl concept consteval constexpr constinit const_cast "
-    "co_await co_return co_yield decltype delete dynamic_cast explicit export false friend mutable namespace new noexcept not "
-    "not_eq nullptr operator or or_eq private protected public reinterpret_cast requires static_assert static_cast template "
-    "this thread_local throw true try typeid typename using virtual wchar_t xor xor_eq".split()
-)
+KEYWORDS = (
+    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern", "float", "for",
+    "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct",
+    "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "NAN", "INFINITY", "alignas", "alignof", "and",
+    "and_eq", "asm", "bitand", "bitor", "bool", "catch", "class", "compl", "concept", "consteval", "constexpr", "constinit",
+    "const_cast", "co_await", "co_return", "co_yield", "decltype", "delete", "dynamic_cast", "explicit", "export", "false",
+    "friend", "mutable", "namespace", "new", "noexcept", "not", "not_eq", "nullptr", "operator", "or", "or_eq", "private",
+    "protected", "public", "reinterpret_cast", "requires", "static_assert", "static_cast", "template", "this", "thread_local",
+    "throw", "true", "try", "typeid", "typename", "using", "virtual", "wchar_t", "xor", "xor_eq",
+)  # fmt: skip
 """Of C and, for the header's sake, of C++; and what math.h makes of two more"""
 
 
