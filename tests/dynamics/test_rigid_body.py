@@ -123,4 +123,4 @@ def test_base_parameters_take_symbols(robot):
 
     last = numbers[-1]
     found = trace(torques, "torques", [(1,), (3,), (3, 3)])(last.mass, last.moment, last.second.ravel())
-    close(np.ravel(found), pin.rnea(robot.model, robot.model.createData(), q, v, a))
+    close(found.full().ravel(), pin.rnea(robot.model, robot.model.createData(), q, v, a))
