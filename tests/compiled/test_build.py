@@ -61,6 +61,20 @@ def test_without_a_compiler_the_results_are_the_same(arm, law, q0, agrees, fresh
     np.testing.assert_array_equal(interpreted.failed_at, native.failed_at)
 
 
+def test_without_a_compiler_payloads_of_nothing_and_batches_of_none_are_as_with_one(arm, law, q0, fresh, monkeypatch):
+    settings = {"payloads": [(0.0, k1607.Payload(0.0))], "metrics": {"error": "min"}}
+    native = k1607.rollout(arm, law, q0, 0.05, **settings)
+    monkeypatch.setenv("K1607_COMPILER", "none")
+    forget()
+    build.compiler.cache_clear()
+    with pytest.warns(RuntimeWarning, match="no C compiler"):
+        interpreted = k1607.rollout(arm, law, q0, 0.05, **settings)
+    np.testing.assert_allclose(interpreted.q_end, native.q_end, atol=1e-12)
+    np.testing.assert_allclose(interpreted.error_min, native.error_min, atol=1e-12)
+    with pytest.warns(RuntimeWarning, match="no C compiler"):
+        assert k1607.batch(arm, "jacobian")(np.zeros((0, 7))).shape == (0, 6, 7)
+
+
 def test_unknown_instructions_are_refused(fresh, monkeypatch):
     monkeypatch.setenv("K1607_INSTRUCTIONS", "MMX")
     with pytest.raises(ValueError, match="K1607_INSTRUCTIONS: expected one of AVX-512"):

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import tracemalloc
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -20,6 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import k1607_pin as k1607
+from k1607_pin.compiled import store as store_module
 from k1607_pin.compiled import sweep as sweep_module
 from k1607_pin.compiled.chunks import Cut
 from k1607_pin.compiled.rollout import Rollouts, rollouts
@@ -216,6 +218,36 @@ def test_a_sweep_that_is_killed_while_it_makes_its_store_is_begun_again(run, exp
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert not (tmp_path / "s").exists()
     same(k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s"), expected)
+
+
+def test_two_processes_may_begin_a_store(run, expected, tmp_path, monkeypatch):
+    """The other one is here first, when ours is ready to be put in its place."""
+    pytest.importorskip("zarr")
+    store, make = tmp_path / "s", store_module._create
+
+    def slowly(*arguments):
+        make(*arguments)
+        if not store.exists():
+            make(str(store), *arguments[1:])
+
+    monkeypatch.setattr(store_module, "_create", slowly)
+    same(k1607.sweep(run, DRAWN, chunk=np.int64(50), store=store), expected)
+    same(k1607.sweep(run, DRAWN, chunk=50, store=store, progress=lambda done, *_: done), expected)
+    assert [f.name for f in tmp_path.iterdir()] == ["s"]
+
+
+def test_what_is_left_of_a_store_s_making_is_cleared_away(run, tmp_path):
+    pytest.importorskip("zarr")
+    for name, age in ((".s.old.making", 7200), (".s.new.making", 60)):
+        (tmp_path / name / "s").mkdir(parents=True)
+        os.utime(tmp_path / name, (time.time() - age,) * 2)
+    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
+    assert sorted(f.name for f in tmp_path.iterdir()) == [".s.new.making", "s"]
+
+
+def test_no_two_ranges_of_whole_numbers_are_the_same_sweep():
+    told = {str(k1607.Drawn({"x": k1607.Integers(0, n)}, 8).identity()) for n in range(1, 2000)}
+    assert len(told) == 1999
 
 
 def test_an_empty_folder_will_do_for_a_store(run, expected, tmp_path):

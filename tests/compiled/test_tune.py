@@ -121,6 +121,7 @@ def test_from_gains_that_run_away_a_search_finds_others_and_the_gradient_refuses
     [
         ({"method": "guess"}, "method: expected one of gradient, search, got 'guess'"),
         ({"budget": 0}, "budget: expected a whole number"),
+        ({"external": object()}, "external: expected a function"),
         ({"free": {}}, "free: expected at least one name"),
         ({"free": {"controller.gains.K": "scale"}}, "free: expected some of controller.*got 'controller.gains.K'"),
         ({"free": {"controller.practice.sigma": "scale"}}, "sigma = 0"),

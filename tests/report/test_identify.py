@@ -173,6 +173,14 @@ def test_a_search_goes_on_where_it_was_stopped(truth, tmp_path, monkeypatch):
         identify(200, 4, start, limits, file, numbers)
 
 
+def test_another_search_does_not_go_on_with_a_file(truth, tmp_path):
+    table, errors = truth
+    identify(64, 0, table, out=tmp_path / "s.json", published=errors, threads=1)
+    for other in ((None, errors), (table, 2 * errors), (table, None)):
+        with pytest.raises(ValueError, match="of another search"):
+            identify(64, 0, other[0], out=tmp_path / "s.json", published=other[1], threads=1)
+
+
 def test_how_far_each_may_go_contains_the_set_and_holds(committed):
     limits = committed["choices"]["joint_limits"]
     ranges = determined(committed, threads=1)

@@ -113,9 +113,9 @@ class Batch:
         shape = (count, self._layout.size)
         if out is None:
             out = self.empty(count)
-        if out.shape != shape or out.dtype != float or not out.flags.c_contiguous:
+        if out.shape != shape or out.dtype != float or not out.flags.c_contiguous or not out.flags.writeable:
             raise ValueError(
-                f"out: expected a contiguous array of floats of shape {shape}, got {out.shape} of {out.dtype}"
+                f"out: expected a contiguous writable array of floats of shape {shape}, got {out.shape} of {out.dtype}"
             )
         if self._run is None:
             out[:] = self._interpreted(inputs)
@@ -151,6 +151,8 @@ class Batch:
 
     def _interpreted(self, inputs: list[np.ndarray]) -> np.ndarray:
         warnings.warn(WARNING, RuntimeWarning, stacklevel=3)
+        if not len(inputs[0]):
+            return self.empty(0)
         f, taken = function_of("f", self.program, [f"i{k}" for k in range(len(inputs))])
         arguments = [x.T[: f.size1_in(k)] if f"i{k}" in taken else 0 for k, x in enumerate(inputs)]
         return f.map(len(inputs[0]))(*arguments).full().T

@@ -4,16 +4,18 @@ A Python condition on float(x), a counter in the controller, a random number, a 
 something else.
 """
 
+import contextlib
 import copy
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop, Setup
+from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop, Setup, is_of_arm, start_of
 from k1607_pin.compiled.interpreted import Interpreter
-from k1607_pin.compiled.leaves import apart, is_number, numbers, paths
+from k1607_pin.compiled.leaves import apart, is_number, numbers, paths, replaced
 from k1607_pin.compiled.traced_arm import inertial_parameters
 from k1607_pin.compiled.traced_loop import torque_of
 from k1607_pin.compiled.tracer import TracingError
@@ -29,17 +31,48 @@ MIDDLE, SWING, SPEED = 0.1, 0.05, 0.1  # rad times 1, 2, ...; rad; rad/s
 def require_same(setup: Setup, loop: ClosedLoop, initial_state: Any = None) -> None:
     """Run the controller on numbers at some states and times, one after the other, and the traced loop beside it.
 
+    As it is, and with other numbers where they may vary.
+
     Raises
     ------
     TracingError
         They differ, a state is built otherwise than the one before, or the controller keeps something to itself.
     """
+    _require_same(setup, loop, initial_state)
+    if (moved := _moved(setup, loop)) is not setup:
+        try:
+            _require_same(moved, loop, initial_state)
+        except TracingError as error:
+            raise TracingError(
+                f"{error}. So with other values of what varies ({', '.join(loop.parameters)}): what an object derives of its "
+                "numbers when it is made, in __post_init__ or a cached_property, is not derived anew; derive it where it is used"
+            ) from None
+
+
+def _moved(setup: Setup, loop: ClosedLoop) -> Setup:
+    """With the numbers that may vary a tenth larger, as far as their owners allow it."""
+    seeds = {name for name, _ in loop.law_tables.noise}
+    for name in loop.parameters:
+        root, _, rest = name.partition(".")
+        if root in ROOTS and name not in seeds and not is_of_arm(name):
+            x = numbers(getattr(setup, root))[rest]
+            with contextlib.suppress(Exception):  # a rotation, say, would be none
+                changed = replaced(getattr(setup, root), {rest: LARGER * x if x.ndim else float(LARGER * x)})
+                setup = replace(setup, **{root: changed})
+    return setup
+
+
+ROOTS = ("plant", "controller", "external")
+LARGER = 1.1
+
+
+def _require_same(setup: Setup, loop: ClosedLoop, initial_state: Any) -> None:
     n, controller = loop.n, apart(setup.controller)
     k = np.arange(len(TIMES))[:, None]
     Q = MIDDLE * np.arange(1.0, n + 1) + SWING * np.sin(k + np.arange(n))
     V = SPEED * np.cos(1.7 * k + np.arange(n))
     state = copy.deepcopy(initial_state) if loop.state_is_given else controller.initial(Q[0], V[0])
-    built, own = paths(state), _own(controller)
+    built, own = paths(state), attributes(controller)
     states, rows = [], []
     for t, q, v in zip(TIMES, Q, V, strict=True):
         before = loop.state.flat(state)
@@ -51,17 +84,10 @@ def require_same(setup: Setup, loop: ClosedLoop, initial_state: Any = None) -> N
             break
         if np.shape(asked) != (n,):
             raise TracingError(f"controller.update: expected a torque of shape ({n},), got {np.shape(asked)}")
-        if paths(state) != built:
-            raise TracingError(
-                f"controller.update: expected a next state as the first, {', '.join(built)}, got {', '.join(paths(state))}"
-            )
+        require_built(paths(state), built)
         states.append(before)
         rows.append(_outputs(setup, loop, asked, state, log, float(t), q, v))
-    if changed := [name for name, x in _own(controller).items() if name not in own or not np.array_equal(x, own[name])]:
-        raise TracingError(
-            f"controller.update: expected a function of its arguments, it changes its own {', '.join(changed)}; what it is to "
-            "remember belongs into the state that it returns"
-        )
+    require_unchanged(controller, own)
     if rows:
         count = len(rows)
         _compare(
@@ -80,14 +106,17 @@ def _compare(
 ) -> None:
     run, count = Interpreter(loop), len(times)
     now = {name: np.zeros((size, count)) for name, size in zip(INPUTS, loop.input_sizes, strict=True)}
-    now |= {"q": Q.T, "v": V.T, "state": states.T, "more": np.zeros((len(loop.reducers), count))}
+    now |= {"q": Q.T, "v": V.T, "state": states.T, "more": np.repeat(start_of(loop.reducers)[:, None], count, axis=1)}
     now["noise"] = np.array([[x for _, source in loop.law_tables.noise for x in source(float(t))] for t in times]).T
     now["parameters"] = np.repeat(_parameters(setup, loop.parameters)[:, None], count, axis=1)
     now["shared"] = np.zeros((1, count))
     now["hoisted"] = run.call("hoist", now)[0]
     now["shared"] = loop.law_tables.shared_values(times).T
-    tau, after, _, row = run.call("law", now)
-    traced = np.concatenate([tau, after, row])
+    if "initial" in run.programs:
+        begun = run.call("initial", now | {"shared": loop.law_tables.shared_values(np.zeros(count)).T})[0].T
+        wanted = [loop.state.flat(setup.controller.initial(q.copy(), v.copy())) for q, v in zip(Q, V, strict=True)]
+        _require_close("controller.initial", np.zeros(count), begun, np.array(wanted, dtype=float).reshape(count, -1))
+    traced = np.concatenate(run.call("law", now))
     _require_close("controller.update", times, traced.T, np.array(rows, dtype=float))
     held = np.array([setup.plant.motor_torque(x[: loop.n]) for x in rows])
     good = np.isfinite(held).all(axis=1)
@@ -95,8 +124,8 @@ def _compare(
     now["shared"] = loop.physics_tables.shared_values(times).T
     with np.errstate(all="ignore"):
         ends = np.concatenate(run.advance(now)).T
-    wanted = [_stepped(setup, float(t), q, v, x) for t, q, v, x in zip(times, Q, V, now["tau"].T, strict=True)]
-    _require_close("plant, external, step", times, ends, np.array(wanted))
+    stepped = [_stepped(setup, float(t), q, v, x) for t, q, v, x in zip(times, Q, V, now["tau"].T, strict=True)]
+    _require_close("plant, external, step", times, ends, np.array(stepped))
 
 
 def _require_close(what: str, times: np.ndarray, traced: np.ndarray, wanted: np.ndarray) -> None:
@@ -123,13 +152,13 @@ def _outputs(
     q: np.ndarray,
     v: np.ndarray,
 ) -> np.ndarray:
-    """Limited torque, next state, and what is logged, in a row as the law's program gives them."""
+    """Limited torque, next state, metrics after one sample, and what is logged, in a row as the law's program gives them."""
     asked = np.asarray(asked, dtype=float)
-    limited = np.isfinite(setup.plant.torque_limit).any()
+    limited = "plant.torque_limit" in loop.parameters or np.isfinite(setup.plant.torque_limit).any()
     tau = setup.plant.motor_torque(asked)
     if limited:
         tau = np.where(np.isfinite(asked), tau, np.inf)
-    if loop.logged:
+    if loop.logged or loop.metrics:
         log = {
             **log,
             "t": t,
@@ -140,8 +169,17 @@ def _outputs(
         }
         for name, signal in setup.signals.items():
             log[name] = signal(log)
-    rows = [np.ravel(np.asarray(log[name], dtype=float)) for name, _ in loop.logged]
-    return np.concatenate([tau, np.array(loop.state.flat(after), dtype=float), *rows])
+
+    def row(name: str, shape: tuple[int, ...]) -> np.ndarray:
+        x = np.asarray(log[name], dtype=float)
+        if x.shape != shape:
+            raise TracingError(f"log: expected {name!r} of shape {shape} always, got {x.shape} at t = {t:g} s")
+        return np.ravel(x)
+
+    first: dict[str, Any] = {"max": np.abs, "min": np.abs, "rms": np.square, "mean": np.copy, "last": np.copy}
+    metrics = [first[reducer](row(name, shape)) for name, reducer, shape in loop.metrics]
+    rows = [row(name, shape) for name, shape in loop.logged]
+    return np.concatenate([tau, np.array(loop.state.flat(after), dtype=float), *metrics, *rows])
 
 
 def _stepped(setup: Setup, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -170,7 +208,38 @@ def _parameters(setup: Setup, names: Mapping[str, Any]) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.ravel(x) for x in values)])
 
 
-def _own(controller: Any) -> dict[str, Any]:
-    """Its plain attributes: numbers, arrays, words."""
-    attributes = getattr(controller, "__dict__", {})
-    return {name: copy.copy(x) for name, x in attributes.items() if is_number(x) or isinstance(x, bool | str)}
+def require_built(after: Sequence[str], first: Sequence[str]) -> None:
+    """That a next state has the `paths` of the first, in whatever order.
+
+    Raises
+    ------
+    TracingError
+        It has not.
+    """
+    if sorted(after) != sorted(first):
+        raise TracingError(
+            f"controller.update: expected a next state as the first, {', '.join(first) or 'no number'}, got "
+            f"{', '.join(after) or 'no number'}; the first is to have all that the later ones have, a flag as 0.0 or 1.0"
+        )
+
+
+def attributes(controller: Any) -> dict[str, Any]:
+    """Its plain ones: numbers, arrays, words."""
+    there = getattr(controller, "__dict__", {})
+    return {name: copy.copy(x) for name, x in there.items() if is_number(x) or isinstance(x, bool | str)}
+
+
+def require_unchanged(controller: Any, before: Mapping[str, Any]) -> None:
+    """That it has the `attributes` that it had.
+
+    Raises
+    ------
+    TracingError
+        It has changed some.
+    """
+    now = attributes(controller)
+    if changed := [name for name, x in now.items() if name not in before or not np.array_equal(x, before[name])]:
+        raise TracingError(
+            f"controller.update: expected a function of its arguments, it changes its own {', '.join(changed)}; what it is to "
+            "remember belongs into the state that it returns"
+        )

@@ -1,6 +1,6 @@
 """One closed loop as programs: what happens at a control sample, in a physics step, and when a payload changes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,7 +77,18 @@ class ClosedLoop:
         return [reducer for _, reducer, shape in self.metrics for _ in range(int(np.prod(shape)))]
 
 
+def start_of(reducers: Sequence[str]) -> np.ndarray:
+    """What each number of the metrics is before the first sample."""
+    return np.where(np.array(reducers, dtype=str) == "min", np.inf, 0.0)
+
+
 INPUTS = ("shared", "q", "v", "tau", "state", "noise", "parameters", "payload", "hoisted", "more")
+
+
+def is_of_arm(name: str) -> bool:
+    """Whether a dotted name is of `ARM`, and not of a number that its owner has."""
+    *_, owner, kind = ["", "", *name.split(".")]
+    return owner == "arm" and kind in ARM
 
 
 def shape_of(setup: Setup, name: str) -> tuple[int, ...]:
@@ -96,10 +107,9 @@ def shape_of(setup: Setup, name: str) -> tuple[int, ...]:
         "payloads": setup.schedule.changes,
     }
     if root in roots:
-        if rest.rpartition(".")[2] in ARM and rest.rpartition(".")[0].rpartition(".")[2] == "arm":
-            return {"inertial": (setup.plant.arm.n, 10), "armature": (setup.plant.arm.n,), "gravity": (3,)}[
-                rest.rpartition(".")[2]
-            ]
+        if is_of_arm(name):
+            n, kind = setup.plant.arm.n, rest.rpartition(".")[2]
+            return {"inertial": (n, 10), "armature": (n,), "gravity": (3,)}[kind]
         there = numbers(roots[root])
         if rest in there:
             return there[rest].shape

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop
+from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop, start_of
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.program import Program
 from k1607_pin.simulation.noise import standard_normal
@@ -20,6 +20,7 @@ class Interpreter:
 
     def __init__(self, loop: ClosedLoop) -> None:
         self._loop = loop
+        self.programs = loop.programs
         self._functions = {name: function_of(name, p, INPUTS) for name, p in loop.programs.items()}
 
     def __str__(self) -> str:
@@ -38,14 +39,14 @@ class Interpreter:
         now["parameters"] = x[2 * n : 2 * n + sizes["parameters"]]
         now["shared"] = plan.law_shared[0]
         now["state"] = x[2 * n + sizes["parameters"] :] if loop.state_is_given else self._one("initial", now)
-        metrics = np.repeat(np.where(np.array(loop.reducers) == "min", np.inf, 0.0)[:, None], count, axis=1)
+        metrics = np.repeat(start_of(loop.reducers)[:, None], count, axis=1)
         alive, failed, work = np.ones(count, bool), np.full(count, np.nan), np.zeros(count)
         counted = np.zeros(count)
         now["hoisted"] = self._one("hoist", now)
         for k in range(plan.ticks + 1):
             if change := plan.change[k]:
                 now["shared"] = plan.weights[abs(change) - 1]
-                now["payload"] = self._one("payload", now)
+                now["payload"] = self._one("payload", now) if "payload" in self._functions else now["payload"]
                 if change < 0 and "grip" in self._functions:
                     now["v"] = np.where(alive, self._one("grip", now), now["v"])
                 now["hoisted"] = self._one("hoist", now)

@@ -52,14 +52,19 @@ def numbers(x: Any, prefix: str = "") -> dict[str, np.ndarray]:
 
 def lasts(x: Any) -> bool:
     """Whether x cannot become another thing but by changing its `numbers`: what was made from it may be kept."""
-    if is_dataclass(x) and not isinstance(x, type):
-        frozen: bool = vars(type(x))["__dataclass_params__"].frozen
-        return frozen and all(lasts(child) for _, child in children(x))
-    if isinstance(x, tuple):
+    if type(x) is tuple or (isinstance(x, tuple) and _ours(type(x))):
         return all(map(lasts, x))
-    if isinstance(x, FunctionType):  # one's own may read what changes: a variable around it, a global one
-        return x.__module__.partition(".")[0] == __name__.partition(".")[0]
+    if is_dataclass(x) and _ours(type(x)):
+        frozen: bool = getattr(type(x), "__dataclass_params__").frozen  # noqa: B009  not known to the type checker
+        return frozen and all(lasts(child) for _, child in children(x))
+    if isinstance(x, FunctionType):
+        return _ours(x)
     return x is None or is_number(x) or isinstance(x, Arm | bool | str)
+
+
+def _ours(made: Any) -> bool:
+    """Whether a class or function is this package's: one's own may read what changes, a variable around it, a global one."""
+    return str(made.__module__).partition(".")[0] == __name__.partition(".")[0]
 
 
 def replaced(x: Any, values: Mapping[str, Any]) -> Any:
@@ -133,16 +138,16 @@ class Layout:
         self._leaves = [(slice(a, b), shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)]
 
     def flat(self, x: Any) -> list[Any]:
-        """All numbers of x, in order; those of arrays row by row."""
+        """All numbers of x, in order; those of arrays row by row, those of mappings in the sample's order."""
         out: list[Any] = []
-        _flatten(x, out)
+        _flatten(x, out, self._sample)
         return out
 
     def fill(self, x: Any, vector: np.ndarray) -> None:
         """Put all numbers of x, floats and arrays, into ``vector`` (size or more,)."""
         taken = 0
 
-        def put(x: Any) -> None:
+        def put(x: Any, like: Any) -> None:
             nonlocal taken
             if isinstance(x, np.ndarray):
                 vector[taken : taken + x.size] = x.ravel()
@@ -151,16 +156,16 @@ class Layout:
                 vector[taken] = x
                 taken += 1
             elif isinstance(x, Mapping):
-                for item in x.values():
-                    put(item)
+                for key in _keys(x, like):
+                    put(x[key], like[key] if isinstance(like, Mapping) and key in like else None)
             elif isinstance(x, tuple | list):
-                for item in x:
-                    put(item)
+                for item, other in zip(x, _items(like, len(x)), strict=True):
+                    put(item, other)
             elif is_dataclass(x) and not isinstance(x, type):
-                for item in vars(x).values():
-                    put(item)
+                for key, item in vars(x).items():
+                    put(item, getattr(like, key, None))
 
-        put(x)
+        put(x, self._sample)
 
     def rebuilt(self, vector: Any) -> Any:
         """The nest of the entries of ``vector`` (size,)."""
@@ -220,20 +225,29 @@ def apart(x: Any) -> Any:
         return x
 
 
-def _flatten(x: Any, out: list[Any]) -> None:
+def _flatten(x: Any, out: list[Any], like: Any = None) -> None:
     if is_number(x) or hasattr(x, "_v"):  # a traced array too
         out.extend(_entries(x))
     elif isinstance(x, Mapping):
-        for item in x.values():
-            _flatten(item, out)
+        for key in _keys(x, like):
+            _flatten(x[key], out, like[key] if isinstance(like, Mapping) and key in like else None)
     elif isinstance(x, tuple | list):
-        for item in x:
-            _flatten(item, out)
+        for item, other in zip(x, _items(like, len(x)), strict=True):
+            _flatten(item, out, other)
     elif is_dataclass(x) and not isinstance(x, type):
-        for item in vars(x).values():
-            _flatten(item, out)
+        for key, item in vars(x).items():
+            _flatten(item, out, getattr(like, key, None))
     elif isinstance(x, Arm):
         raise TypeError("expected numbers, got an Arm")
+
+
+def _keys(x: Mapping[Any, Any], like: Any) -> Any:
+    """Of x, in the order that ``like`` has them in: an update may give a state in another."""
+    return like if isinstance(like, Mapping) and like.keys() == x.keys() else x
+
+
+def _items(like: Any, count: int) -> Any:
+    return like if isinstance(like, tuple | list) and len(like) == count else (None,) * count
 
 
 def _entries(x: Any) -> list[Any]:

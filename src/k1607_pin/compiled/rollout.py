@@ -2,6 +2,8 @@
 
 import hashlib
 import logging
+import re
+import threading
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
@@ -16,14 +18,14 @@ import xarray as xr
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import compiler
-from k1607_pin.compiled.closed_loop import ARM, ClosedLoop, Setup, Signals
+from k1607_pin.compiled.closed_loop import ClosedLoop, Setup, Signals, is_of_arm
 from k1607_pin.compiled.interpreted import WARNING, Interpreter
 from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import Kernel, source
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
 from k1607_pin.compiled.leaves import lasts, numbers, replaced
 from k1607_pin.compiled.plan import Plan
-from k1607_pin.compiled.results import REST, dataset, variables_of
+from k1607_pin.compiled.results import REST, RESULTS, dataset, variables_of
 from k1607_pin.simulation.integrators import semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import PayloadSchedule
@@ -125,33 +127,42 @@ def rollouts(
     if not isinstance(every, Integral) or every < 1:
         raise ValueError(f"every: expected a whole number of samples from 1 on, got {every!r}")
     every, log = int(every), (log,) if isinstance(log, str) else log
-    if wrong := [name for name in signals or () if "/" in name or name in ("rollout", "time")]:
-        raise ValueError(f"signals: expected names without /, and neither rollout nor time, got {wrong[0]!r}")
     if metrics is None:
         metrics = {name: kinds for name, kinds in DEFAULT_METRICS.items() if name in variables_of(controller)}
     metrics = {name: (kinds,) if isinstance(kinds, str) else tuple(kinds) for name, kinds in metrics.items()}
-    if wrong := [name for name in varied if name.startswith("controller.") and name.endswith(".period")]:
-        raise ValueError(f"vary: expected no period, which all rollouts share, got {wrong[0]!r}")
+    results = {f"{name}_{kind}" for name, kinds in metrics.items() for kind in kinds} | RESULTS
+    if wrong := [name for name in signals or () if "/" in name or name in results]:
+        raise ValueError(f"signals: expected names without /, and none of a result's, got {wrong[0]!r}")
+    if double := {name for name in varied if list(varied).count(name) > 1}:
+        raise ValueError(f"vary: expected each name once, got {', '.join(sorted(double))} twice")
+    if wrong := [name for name in varied if TIMES.fullmatch(name)]:
+        raise ValueError(f"vary: expected no period and no time, which all rollouts share, got {wrong[0]!r}")
     objects = (plant, controller, step, external, *payloads, *(signals or {}).values())
     times = (duration, control_period, physics_step, from_rest, every, tuple(signals or ()))
     content = tuple((name, x.shape, x.tobytes()) for one in objects for name, x in numbers(one).items())
     key = (tuple(map(id, objects)), content, times, tuple(varied), tuple(metrics.items()), tuple(log))
-    if key not in _recent or not all(map(lasts, objects)):
+    with _TAKING_TURNS:
+        found = _recent.get(key)
+        if found and all(map(lasts, objects)):
+            _recent.move_to_end(key)
+            return found[0]
         schedule = PayloadSchedule(payloads, duration)
         bare = Plant(plant) if isinstance(plant, Arm) else plant
         setup = Setup(bare, controller, external, schedule, from_rest, step, physics_step, signals or {})
         made = Rollouts(setup, duration, control_period, tuple(varied), metrics, tuple(log), every)
         _recent[key] = made, objects  # which stay alive, so that their ids stay theirs
+        _recent.move_to_end(key)
         while len(_recent) > RECENT:
             _recent.popitem(last=False)
-    _recent.move_to_end(key)
-    return _recent[key][0]
+        return made
 
 
+TIMES = re.compile(r"controller\.(.*\.)?period|payloads\.\d+\.(time|ramp)")
 FEW = 64  # rollouts that all are checked
 PIECE = 2_000_000  # physics steps of a block that the native function does in one call: half a second or so
 RECENT = 8  # traced loops that are kept for the next call
 _recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
+_TAKING_TURNS = threading.RLock()
 
 
 def forget() -> None:
@@ -181,6 +192,11 @@ class Rollouts:
             still = np.zeros(self.setup.plant.arm.n)
             self._state = controller.start(still, still, self.duration)
         self.loop = kept(self.setup, self.varied, self.metrics, self.logged, self._state)
+        for name, noise in self.loop.law_tables.noise:
+            if noise.period != self.period:
+                raise ValueError(
+                    f"vary: expected noise of the control period, {self.period} s, where {name} varies, got {noise.period} s"
+                )
         made = compiler()
         if made is None:
             warnings.warn(WARNING, RuntimeWarning, stacklevel=2)
@@ -301,7 +317,7 @@ class Rollouts:
         """Numbers as controller, plant and payloads check theirs: of all rollouts if they are few, else of the extreme ones."""
         seeds = [name for name, _ in self.loop.law_tables.noise]
         for name, x in values.items():
-            kind = name.rpartition(".")[2]
+            kind = name.rpartition(".")[2] if is_of_arm(name) else ""
             if name in seeds and (wrong := (x != np.floor(x)) | (x < 0) | (x > 2**53)).any():
                 raise ValueError(f"{name}: expected whole numbers from 0 to 2^53, got {x[wrong][0]!r}")
             lowest = {"armature": x, "inertial": x[..., 0]}.get(kind)
@@ -316,18 +332,19 @@ class Rollouts:
         roots = {
             "plant": self.setup.plant,
             "controller": self.setup.controller,
+            "external": self.setup.external,
             "payloads": self.setup.schedule.changes,
         }
         for lane in lanes:
             for root, x in roots.items():
                 mine = {name: value for name, value in values.items() if name.startswith(f"{root}.")}
                 own = {name.partition(".")[2]: value[min(lane, len(value) - 1)] for name, value in mine.items()}
-                own = {name: v if v.ndim else float(v) for name, v in own.items() if name.rpartition(".")[2] not in ARM}
+                own = {name: v if v.ndim else float(v) for name, v in own.items() if not is_of_arm(f"{root}.{name}")}
                 replaced(x, own)
 
     def _given_states(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """(count, size): what the controller starts from, asked for one by one where it may differ."""
-        mine = [name for name in self.varied if name.startswith("controller.") and name.rpartition(".")[2] not in ARM]
+        mine = [name for name in self.varied if name.startswith("controller.") and not is_of_arm(name)]
         if not mine and len(values["q0"]) == len(values["v0"]) == 1:
             state = self.setup.controller.start(values["q0"][0], values["v0"][0], self.duration)
             return np.broadcast_to(np.array(self.loop.state.flat(state), dtype=float), (count, self.loop.state.size))

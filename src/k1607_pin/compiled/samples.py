@@ -9,6 +9,8 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from k1607_pin.compiled.leaves import numbers
+
 ROLLOUT = "rollout"
 """Dimension of what is neither crossed nor reshaped."""
 
@@ -199,8 +201,7 @@ class Drawn:
 
     def identity(self) -> dict[str, str]:
         """See `Samples`."""
-        shares = np.linspace(0, 1, 35)[1:-1]
-        made = {name: digest(np.stack([x.ppf(u) for u in shares])) for name, x in self.distributions.items()}
+        made = {name: _identity(x) for name, x in self.distributions.items()}
         return {**made, "count": str(self.count), "seed": str(self.seed), "points": self.points}
 
 
@@ -254,6 +255,13 @@ def digest(x: Any) -> str:
     """Shape and a hash of an array's numbers."""
     x = np.ascontiguousarray(x, dtype=float)
     return f"{x.shape} {hashlib.sha256(x.tobytes()).hexdigest()[:16]}"
+
+
+def _identity(x: Distribution) -> str:
+    """What it gives at some shares; of what may agree there and not elsewhere, its own numbers too."""
+    found = digest(np.stack([x.ppf(u) for u in np.linspace(0, 1, 35)[1:-1]]))
+    own = [digest(value) for value in numbers(x).values()]
+    return " ".join([type(x).__name__, found, *own])
 
 
 def _sobol(seed: int, d: int, start: int, stop: int) -> np.ndarray:

@@ -1,6 +1,8 @@
 """Where a sweep's results are kept: in memory, or in a zarr store that outlives the process."""
 
+import shutil
 import tempfile
+import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +12,8 @@ import xarray as xr
 
 from k1607_pin.compiled.chunks import Cut
 
+MAKING, ABANDONED = ".making", 3600.0
+"""End of the name of a store's folder while it is made; s after which one was left by a process that was killed"""
 MARKS = "sweep/done"
 """Array in the store: which chunks are there, and in its attributes of which sweep."""
 
@@ -88,10 +92,17 @@ class InStore:
                 raise ValueError(f"store: expected a new folder or the store of a sweep, got {store}") from None
             if folder:
                 folder.parent.mkdir(parents=True, exist_ok=True)
-                with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as beside:
+                for left in folder.parent.glob(f".{folder.name}.*{MAKING}"):  # by a process killed meanwhile
+                    if time.time() - left.stat().st_mtime > ABANDONED:
+                        shutil.rmtree(left, ignore_errors=True)
+                with tempfile.TemporaryDirectory(MAKING, f".{folder.name}.", folder.parent) as beside:
                     made = Path(beside) / folder.name
                     _create(str(made), frame, variables, parameters, cut, identity)
-                    made.replace(folder)  # whole or not at all
+                    try:
+                        made.replace(folder)  # whole or not at all
+                    except OSError:  # another process was faster
+                        if not folder.is_dir():
+                            raise
             else:
                 _create(self._store, frame, variables, parameters, cut, identity)
             group = zarr.open_group(self._store, mode="r+", zarr_format=2, use_consolidated=False)

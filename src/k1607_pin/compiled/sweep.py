@@ -82,7 +82,7 @@ def sweep(
     size = sum(x.size for x in variables.values())
     if store is None and size > IN_MEMORY:
         raise ValueError(f"store: expected a folder for results of {size / 2**30:.1f} GiB, got None")
-    cut = Cut.of(parameters.dims, chunk or _chunk(count, size // count))
+    cut = Cut.of(parameters.dims, int(chunk) if chunk else _chunk(count, size // count))
     frame = sample.drop_vars(list(sample.data_vars))
     if store is None:
         kept: InMemory | InStore = InMemory(frame, variables, parameters.along, cut.count)

@@ -14,14 +14,31 @@ _TAKING_TURNS = threading.RLock()  # the mode is one for all threads
 
 @contextmanager
 def numpy_mode() -> Iterator[None]:
-    """CasADi arrays that behave as NumPy arrays, within the block only: the setting is global and is put back."""
+    """CasADi arrays that behave as NumPy arrays, within the block only: the setting is global and is put back.
+
+    But for float(), and the math module: of a symbol CasADi makes NaN, with which every comparison is false, and a branch gone.
+    """
     with _TAKING_TURNS:
-        before = ca.GlobalOptions.getNumpyMode()
+        before, as_float = ca.GlobalOptions.getNumpyMode(), ca.SX.__float__
         ca.GlobalOptions.setNumpyMode(1)
+        ca.SX.__float__ = _as_float(as_float)  # type: ignore[method-assign]
         try:
             yield
         finally:
+            ca.SX.__float__ = as_float  # type: ignore[method-assign]
             ca.GlobalOptions.setNumpyMode(before)
+
+
+def _as_float(of_constant: Callable[[Any], float]) -> Callable[[Any], float]:
+    def as_float(x: Any) -> float:
+        if not x.is_constant():
+            raise TypeError(
+                "a traced number cannot be turned into a Python float, by float(), the math module, or written into an array of "
+                "NumPy's; use NumPy's functions on arrays, np.where for conditions, np.stack for an array of numbers"
+            )
+        return of_constant(x)
+
+    return as_float
 
 
 def trace(fun: Callable[..., Any], name: str, shapes: Sequence[Shape], cse: bool = True) -> ca.Function:

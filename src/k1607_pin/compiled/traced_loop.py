@@ -98,7 +98,7 @@ class _Tracing:
                 "hoisted": None, "more": more,
             }  # fmt: skip
             programs[name] = _program(name, inputs, outputs)
-        self.require_effect(programs, {seed for seed, _, _ in tracer.noise})
+        self.require_effect(programs, {seed for seed, _, _ in tracer.noise}, given)
         hot = [name for name in programs if name not in ("initial", "payload", "grip")]
         numbers_of_slow = [INPUTS.index(name) for name in slow]
         hoist, rest = hoisted(
@@ -112,14 +112,15 @@ class _Tracing:
             tuple(log_list), stages, 2 * len(self.changes),
         )  # fmt: skip
 
-    def require_effect(self, programs: Mapping[str, Program], seeds: set[str]) -> None:
+    def require_effect(self, programs: Mapping[str, Program], seeds: set[str], given: bool) -> None:
         """Refuse what would be varied in vain."""
         number = INPUTS.index("parameters")
         used = {n.place[1] for p in programs.values() for n in p.nodes if n.op == "input" and n.place[0] == number}
         first = 0
         for name, shape in self.shapes.items():
             last = first + int(np.prod(shape))
-            if name not in seeds and not used.intersection(range(first, last)):
+            asked = given and name.startswith("controller.")  # of its ``start``: what it gives may depend on it
+            if name not in seeds and not asked and not used.intersection(range(first, last)):
                 raise ValueError(
                     f"vary: expected numbers that the loop depends on, got {name!r}; what only a function of time depends on, a "
                     "table that all rollouts share, cannot differ"
@@ -141,9 +142,8 @@ class _Tracing:
         if (count := len(_entries(asked))) != self.n:
             raise TracingError(f"controller.update: expected a torque of shape ({self.n},), got {count} numbers")
         tau = plant.motor_torque(asked)
-        if np.isfinite(
-            self.setup.plant.torque_limit
-        ).any():  # what is not finite must not become a limit, and look well
+        may_limit = "plant.torque_limit" in self.shapes or np.isfinite(self.setup.plant.torque_limit).any()
+        if may_limit:  # what is not finite must not become a limit, and look well
             tau = np.where(np.abs(asked) < np.inf, tau, np.inf)
         log = {
             **log, "t": tracer.time[0], "q": self.q, "v": self.v, "tau": tau,
@@ -161,6 +161,11 @@ class _Tracing:
                 f"controller.update: expected a next state of {self.state.size} numbers as the first, got {len(flat_after)}"
             )
         shapes = self.shapes_logged()
+        for name in (*metrics, *logged):
+            if len(_entries(log[name])) != int(np.prod(shapes[name])):
+                raise TracingError(
+                    f"log: expected numbers, and as many traced, got {name!r} = {log[name]!r:.80}; a flag as 0.0 or 1.0"
+                )
         metric_list = [(name, reducer, shapes[name]) for name, reducers in metrics.items() for reducer in reducers]
         size = sum(int(np.prod(shape)) for _, _, shape in metric_list)
         so_far = symbol_array("metrics", (size,))

@@ -5,6 +5,8 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, is_dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -44,13 +46,21 @@ class Tracer:
         if isinstance(x, WhiteNoise) and f"{name}.seed" in symbols:
             values = symbol_array(name, (x.size,))
             self.noise.append((f"{name}.seed", x, values))
-            return lambda t: values
+            return partial(self.noise_at, name, values)
         inside = None
         if is_dataclass(x) and not isinstance(x, type) and (callable(x) or hasattr(x, "of_time")):
             inside = self.inside(x, name, symbols)
         if callable(x) and not isinstance(x, type) and not symbols:
             return OfTime(self, name, x, inside)
         return inside
+
+    def noise_at(self, name: str, values: Any, t: Any) -> Any:
+        """Of the sample."""
+        if not ca.is_equal(ca.SX(getattr(t, "_v", t)), self._sx_time):
+            raise TracingError(
+                f"{name}: expected to be asked for the time of the sample, where its seed varies, got {t}"
+            )
+        return values
 
     def inside(self, x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
         """A copy of the dataclass x with stand-ins for what it holds, and for its methods of time alone.
@@ -149,14 +159,34 @@ def explained(name: str) -> Iterator[None]:
     except TracingError:
         raise
     except Exception as error:
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if "casadi" not in f.filename]
+        frames = [
+            f for f in traceback.extract_tb(error.__traceback__) if not LIBRARIES.intersection(Path(f.filename).parts)
+        ]
+        frames = [
+            f for f in frames if PACKAGE not in Path(f.filename).parts
+        ] or frames  # one's own line, if there is one
         where = f"{frames[-1].filename}:{frames[-1].lineno}: {frames[-1].line}" if frames else "its code"
         reason = str(error).strip().splitlines()[-1] if str(error) else type(error).__name__
+        reason = reason if len(reason) < LONGEST else f"{reason[:LONGEST]}..."
         hint = next((hint for words, hint in HINTS.items() if words in str(error)), "")
         raise TracingError(f"{name}: cannot be compiled: {where}: {reason}{hint}") from error
 
 
+LIBRARIES, PACKAGE = {"casadi", "numpy"}, "k1607_pin"
+LONGEST = 300  # characters of what a library says: it may print all that was traced
 HINTS = {
     "truth value": " (a Python condition on a traced number; use np.where)",
     "symbolic SX to a numpy array": " (an array made of traced numbers; use np.stack, np.hstack or np.concatenate)",
+    "expected numbers, got ArrayInterface": " (an arm that tracing does not see: keep it as an attribute of the controller, "
+    "or of a dataclass, tuple or mapping in one)",
+    "unsupported operand type(s) for &": " (use np.logical_and)",
+    "unsupported operand type(s) for |": " (use np.logical_or)",
+    "bad operand type for unary ~": " (use np.logical_not)",
+    "too many indices": " (for another axis use np.reshape)",
+    "no implementation found for 'numpy.einsum'": " (two operands, and -> with what comes out)",
+    "'Pose' object has no attribute": " (a traced pose has translation and rotation)",
+    "ArrayInterfaceSX' object has no attribute": " (use NumPy's function: np.copy(x), np.clip(x, a, b), x @ y)",
+    "setting an array element": " (nothing traced into an array of NumPy's; use np.stack for an array of numbers)",
+    "out=(array(": " (nothing traced into an array of NumPy's in place; x = x + ...)",
 }
+"""Words of an error, and what helps"""

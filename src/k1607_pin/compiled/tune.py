@@ -89,6 +89,10 @@ def tune(
         raise ValueError(f"budget: expected a whole number from 1 on, got {budget!r}")
     if unknown := sorted(set(settings) - set(SETTINGS)):
         raise ValueError(f"settings: expected some of {', '.join(SETTINGS)}, got {', '.join(unknown)}")
+    if (external := settings.get("external")) is not None and not callable(external):
+        raise ValueError(
+            f"external: expected a function that gives a Wrench, as `simulate` takes it, got {external!r:.80}"
+        )
     if error in OWN:
         raise ValueError(
             f"error: expected what the controller logs, {error!r} is every loop's; torque_bound bounds the torque"

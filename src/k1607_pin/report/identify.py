@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from k1607_pin import data
+from k1607_pin.compiled.samples import digest
 from k1607_pin.files import write_atomically
 from k1607_pin.report.candidates import Candidates, accepted, worth
 from k1607_pin.report.cma import EvolutionStrategy
@@ -62,6 +63,8 @@ class Search:
     seed: int
     limits: bool
     choices: dict[str, Any]
+    of: dict[str, str]
+    """Digests of what is fitted and where it begins"""
     expeditions: list[Expedition] = field(default_factory=list)
 
     @property
@@ -94,7 +97,7 @@ class Search:
             expeditions = [Expedition(**one) for one in told.pop("expeditions")]
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"out: {file} is not of a search: {error}") from None
-        mine = {"seed": self.seed, "limits": self.limits, "choices": self.choices}
+        mine = {"seed": self.seed, "limits": self.limits, "choices": self.choices, "of": self.of}
         if told != mine:
             raise ValueError(f"out: {file} is of another search, {told}, not {mine}; take another file")
         self.expeditions = expeditions
@@ -114,7 +117,7 @@ def identify(
 
     Parameters
     ----------
-    budget : rollouts, two a set.
+    budget : rollouts, two a set; exceeded by less than what it takes to begin at one posture, some hundred.
     seed : the same seed, the same search, however often it was interrupted.
     start : table like "report" of `study_cases.toml` to begin at; None draws postures anywhere, and takes of the committed table
         what is not searched (gravity, how a payload is gripped, period).
@@ -138,7 +141,8 @@ def identify(
     candidates = Candidates(table, COARSE, published, threads)
     given = None if start is None else Expedition(-2, 0, np.inf, values_of(table).tolist(), candidates.known.tolist())
     choices = {key: value for key, value in table["choices"].items() if key not in ("standing", "source")}
-    search = Search(seed, limits, choices)
+    begins = "anywhere" if given is None else digest([*given.values, *given.posture])
+    search = Search(seed, limits, choices, {"published": digest(candidates.published), "start": begins})
     search.load(out)
 
     def told(count: int, best: float) -> None:

@@ -45,6 +45,8 @@ def parameters_of(texts: Sequence[str], count: int, seed: int, shapes: Mapping[s
     """
     if not texts:
         raise ValueError("vary: expected at least one parameter, got none")
+    if double := {name for name in names_of(texts) if names_of(texts).count(name) > 1}:
+        raise ValueError(f"vary: expected each parameter once, got {', '.join(sorted(double))} twice")
     axes: dict[str, np.ndarray] = {}
     drawn: dict[str, Distribution] = {}
     for text, name in zip(texts, names_of(texts), strict=True):

@@ -120,7 +120,7 @@ def simulate(
         )
     schedule = PayloadSchedule(payloads, duration)
     variables = VARIABLES | dict(getattr(controller, "variables", {})) | dict(getattr(observe, "variables", {}))
-    state = controller.start(q, v, duration)
+    state = controller.start(q.copy(), v.copy(), duration)  # its own: what it writes into them is not where the arm is
     carried = NOTHING
     changes, work, from_outside, dissipated, brought = 0, 0.0, 0.0, 0.0, 0.0
     records: list[dict[str, Any]] = []
@@ -138,7 +138,7 @@ def simulate(
             plant, carried = loaded, payload
             brought += plant.energy(q, v) - before
         try:
-            asked, state, log = controller.update(t, q, v, state)
+            asked, state, log = controller.update(t, q.copy(), v.copy(), state)
             log = {**log, **(observe(plant.arm, q, v) if observe else {})}
         except Exception as error:
             error.add_note(f"in simulate, at t = {t:.6g} s, q = {q.tolist()}, v = {v.tolist()}")

@@ -1,0 +1,360 @@
+"""Controllers as people write them: what may be done is as simulated, what may not says what to do instead."""
+
+import copy
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pytest
+
+import k1607_pin as k1607
+from k1607_pin.compiled.native import Native
+from k1607_pin.compiled.tracer import TracingError
+from k1607_pin.simulation.noise import WhiteNoise
+
+STIFFNESS = 20.0
+
+
+class Law:
+    """Damping."""
+
+    def start(self, q, v, duration):
+        return None
+
+    def update(self, t, q, v, state):
+        return -20 * v, state, {}
+
+
+@pytest.fixture(scope="module")
+def free():
+    """Weightless."""
+    return k1607.load_k1607(gravity=(0, 0, 0))
+
+
+@pytest.fixture
+def same(free, q0):
+    """That rollouts of a law, with each of the values, end where `simulate` does."""
+
+    def check(law, **vary):
+        found = k1607.rollout(free, law, q0, 0.1, vary={f"controller.{k}": x for k, x in vary.items()}, metrics={})
+        for i in range(found.sizes["rollout"]):
+            own = replace(law, **{name: x[i] for name, x in vary.items()}) if vary else law
+            np.testing.assert_allclose(found.q_end[i], k1607.simulate(free, own, q0, 0.1).q[-1], atol=1e-12)
+
+    return check
+
+
+@dataclass(frozen=True)
+class Derived(Law):
+    stiffness: float = 20.0
+    damping: float = field(init=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "damping", 2 * np.sqrt(self.stiffness))
+
+    def update(self, t, q, v, state):
+        return -self.stiffness * q - self.damping * v, state, {}
+
+
+@dataclass(frozen=True)
+class Cached(Law):
+    stiffness: float = 20.0
+
+    @cached_property
+    def damping(self):
+        return 2 * np.sqrt(self.stiffness)
+
+    def update(self, t, q, v, state):
+        return -self.stiffness * q - self.damping * v, state, {}
+
+
+@pytest.mark.parametrize("kind", [Derived, Cached])
+def test_what_is_derived_of_a_number_that_varies_is_not_left_as_it_was(free, q0, same, kind):
+    law = kind()
+    assert law.damping
+    same(law)
+    with pytest.raises(TracingError, match=r"derived anew; derive it where it is used"):
+        k1607.rollout(free, law, q0, 0.1, vary={"controller.stiffness": [20.0, 30.0]}, metrics={})
+
+
+@dataclass(frozen=True)
+class Where(Law):
+    stiffness: float = 20.0
+
+    def update(self, t, q, v, state):
+        return -self.stiffness * q - 2 * np.sqrt(self.stiffness) * v, state, {}
+
+
+def test_what_is_derived_where_it_is_used_varies(same):
+    same(Where(), stiffness=[20.0, 30.0])
+
+
+@dataclass(frozen=True)
+class Global(Law):
+    stiffness: float = 1.0
+
+    def update(self, t, q, v, state):
+        return -STIFFNESS * self.stiffness * q - 5 * v, state, {}
+
+
+def test_a_law_of_one_s_own_is_traced_anew_as_it_may_read_what_changes(monkeypatch, same):
+    law = Global()
+    same(law)
+    monkeypatch.setitem(globals(), "STIFFNESS", 40.0)
+    same(law)
+    monkeypatch.setattr(Global, "update", Where.update)
+    same(law)
+
+
+def test_a_subclass_of_a_scheme_may_be_run_again(arm, law, q0):
+    class Mine(type(law)):
+        def update(self, t, q, v, state):
+            tau, state, log = super().update(t, q, v, state)
+            return 0.5 * tau, state, log
+
+    mine = copy.copy(law)
+    object.__setattr__(mine, "__class__", Mine)
+    first, second = (k1607.rollout(arm, mine, q0, 0.05) for _ in range(2))
+    np.testing.assert_array_equal(first.q_end, second.q_end)
+
+
+@dataclass(frozen=True)
+class Started(Law):
+    """Its number is in the state alone; called as one of an arm's own numbers."""
+
+    gravity: float = 20.0
+
+    def start(self, q, v, duration):
+        return {"k": np.full(7, self.gravity)}
+
+    def update(self, t, q, v, state):
+        return -state["k"] * q - 20 * v, state, {}
+
+
+def test_a_number_that_acts_through_the_start_alone_may_vary(same):
+    same(Started(), gravity=[20.0, 50.0])
+
+
+class OtherOrder(Law):
+    def start(self, q, v, duration):
+        return {"a": np.zeros(7), "b": np.ones(2), "c": (0.0, {"x": 1.0, "y": 2.0})}
+
+    def update(self, t, q, v, state):
+        n, more = state["c"]
+        after = {"c": (n + 1, {"y": more["y"] + v[0], "x": more["x"]}), "b": state["b"], "a": state["a"] + v}
+        return -v - state["a"] - more["y"], after, {}
+
+
+def test_a_state_in_another_order_is_the_same_state(free, q0, same):
+    same(OtherOrder())
+    native = k1607.simulate(free, Native(OtherOrder(), free), q0, 0.1)
+    np.testing.assert_allclose(native.q, k1607.simulate(free, OtherOrder(), q0, 0.1).q, atol=1e-12)
+
+
+class WritesIntoWhatItMeasures(Law):
+    def start(self, q, v, duration):
+        q *= 0
+        return None
+
+    def update(self, t, q, v, state):
+        q -= 1.0
+        v *= -20
+        return -q + v, state, {}
+
+
+def test_what_a_law_writes_into_its_arguments_moves_no_arm(free, q0):
+    class Clean(Law):
+        def update(self, t, q, v, state):
+            return -(q - 1.0) - 20 * v, state, {}
+
+    found, wanted = (k1607.simulate(free, law, q0, 0.1) for law in (WritesIntoWhatItMeasures(), Clean()))
+    np.testing.assert_array_equal(found.q, wanted.q)
+    np.testing.assert_array_equal(found.q[0], q0)
+
+
+class Fast(Law):
+    """A condition that is rarely met."""
+
+    def update(self, t, q, v, state):
+        return -20 * v if float(np.linalg.norm(v)) < 8.0 else 0 * v, state, {}
+
+
+class Written(Law):
+    def update(self, t, q, v, state):
+        tau = np.zeros(7)
+        tau[2] = -5 * q[2]
+        return tau, state, {}
+
+
+class Added(Law):
+    def update(self, t, q, v, state):
+        tau = np.zeros(7)
+        tau += 3 * v
+        return tau, state, {}
+
+
+class Both(Law):
+    def update(self, t, q, v, state):
+        return np.where((q > 0) & (v > 0), q, v), state, {}
+
+
+class Copied(Law):
+    def update(self, t, q, v, state):
+        return -q.copy(), state, {}
+
+
+class HiddenArm(Law):
+    def __init__(self, arm):
+        class Helper:
+            model = arm
+
+        self.helper = Helper()
+
+    def update(self, t, q, v, state):
+        return self.helper.model.gravity_torque(q), state, {}
+
+
+class Posed(Law):
+    def __init__(self, arm):
+        self.arm = arm
+
+    def update(self, t, q, v, state):
+        return -v * self.arm.forward_kinematics(q).inverse().translation[0], state, {}
+
+
+@pytest.mark.parametrize(
+    ("law", "line", "help"),
+    [
+        (lambda arm: Fast(), "float(np.linalg.norm(v))", "np.where for conditions"),
+        (lambda arm: Written(), "tau[2] = -5", "np.stack for an array"),
+        (lambda arm: Added(), "tau += 3", "x = x +"),
+        (lambda arm: Both(), "(q > 0) & (v > 0)", "np.logical_and"),
+        (lambda arm: Copied(), "q.copy()", "np.copy"),
+        (HiddenArm, "gravity_torque(q)", "as an attribute of the controller"),
+        (Posed, "inverse()", "translation and rotation"),
+    ],
+)
+def test_what_does_not_trace_is_named_with_its_line_and_what_helps(free, q0, law, line, help):
+    with pytest.raises(TracingError) as caught:
+        k1607.rollout(free, law(free), q0, 0.1, metrics={})
+    assert line in str(caught.value)
+    assert help in str(caught.value)
+    assert "test_own.py" in str(caught.value)
+    assert len(str(caught.value)) < 800
+
+
+class OtherStart(Law):
+    """What it begins with is not what it traces to."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def start(self, q, v, duration):
+        return self.initial(q, v)
+
+    def initial(self, q, v):
+        self.calls += 1
+        return float(self.calls) * q
+
+    def update(self, t, q, v, state):
+        return -state, state, {}
+
+
+class Costed(Law):
+    def __init__(self):
+        self.rng = np.random.default_rng(0)
+
+    def update(self, t, q, v, state):
+        return -v, state, {"cost": self.rng.normal()}
+
+
+class Counter:
+    calls = 0
+
+    def __call__(self, log):
+        self.calls += 1
+        return self.calls
+
+
+def test_where_it_begins_and_what_only_metrics_ask_for_is_looked_at_too(free, q0):
+    with pytest.raises(TracingError, match="initial"):
+        k1607.rollout(free, OtherStart(), q0, 0.1, metrics={})
+    with pytest.raises(TracingError, match="on numbers"):
+        k1607.rollout(free, Costed(), q0, 0.1, metrics={"cost": "max"})
+    with pytest.raises(TracingError, match="on numbers"):
+        k1607.rollout(free, Law(), q0, 0.1, metrics={"n": "max"}, signals={"n": Counter()})
+
+
+class Words(Law):
+    def update(self, t, q, v, state):
+        return -v, state, {"flag": False, "none": None, "word": "push"}
+
+
+@pytest.mark.parametrize("name", ["flag", "none", "word"])
+def test_a_log_that_is_no_number_is_told(free, q0, name):
+    with pytest.raises((TracingError, ValueError), match=name):
+        k1607.rollout(free, Words(), q0, 0.1, metrics={}, log=(name,))
+
+
+@dataclass(frozen=True)
+class Noisy(Law):
+    noise: Any
+    begins: bool = False
+
+    def initial(self, q, v):
+        return self.noise(0.0) if self.begins else np.zeros(7)
+
+    def start(self, q, v, duration):
+        return self.initial(q, v)
+
+    def update(self, t, q, v, state):
+        return -q + self.noise(t) + state, state, {}
+
+
+def test_noise_whose_seed_varies_is_that_of_the_samples(free, q0):
+    seeds = {"controller.noise.seed": [3, 4]}
+    law = Noisy(WhiteNoise(3, 7, 0.01))
+    found = k1607.rollout(free, law, q0, 0.1, vary=seeds, metrics={})
+    np.testing.assert_allclose(found.q_end[0], k1607.simulate(free, law, q0, 0.1).q[-1], atol=1e-12)
+    with pytest.raises(ValueError, match="noise of the control period"):
+        k1607.rollout(free, Noisy(WhiteNoise(3, 7, 0.02)), q0, 0.1, vary=seeds, metrics={})
+    with pytest.raises(TracingError, match="the time of the sample"):
+        k1607.rollout(free, Noisy(WhiteNoise(3, 7, 0.01), True), q0, 0.1, vary=seeds, metrics={})
+
+
+@dataclass(frozen=True)
+class Infinite(Law):
+    def update(self, t, q, v, state):
+        return np.where(t > 0.025, np.inf, 1.0) * np.ones(7), state, {}
+
+
+def test_an_infinite_torque_is_no_limit_where_the_limit_varies(free, q0):
+    found = k1607.rollout(free, Infinite(), q0, 0.1, vary={"plant.torque_limit": np.full((2, 7), 5.0)})
+    np.testing.assert_allclose(found.failed_at, 0.03)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"varied": ("plant.viscous", "plant.viscous")}, "each name once, got plant.viscous twice"),
+        ({"signals": {"work": lambda log: log["t"]}}, "none of a result's, got 'work'"),
+        (
+            {"signals": {"tau_max": lambda log: log["t"]}, "metrics": {"tau": "max"}},
+            "none of a result's, got 'tau_max'",
+        ),
+        ({"varied": ("payloads.0.time",), "payloads": [(0.1, k1607.Payload(1.0))]}, "no period and no time"),
+    ],
+)
+def test_what_would_be_misunderstood_is_refused(free, settings, words):
+    with pytest.raises(ValueError, match=words):
+        k1607.rollouts(free, Law(), 0.1, **settings)
+
+
+def test_threads_may_make_rollouts_at_once(free, q0):
+    def run(k):
+        return k1607.rollout(free, Law(), q0, 0.01 * (1 + k % 12), metrics={}).sizes["rollout"]
+
+    with ThreadPoolExecutor(6) as pool:
+        assert list(pool.map(run, range(36))) == [1] * 36
