@@ -60,7 +60,7 @@ def test_selftest_of_everything(arm, exported):
     assert done.returncode == 0, done.stdout
     assert done.stdout.endswith("arm: 14 functions, 0 failures\n")  # 8 of the arm, a step and a start of 3 laws
     for name in ("operational_space", "cartesian_step", "joint_step", "hybrid_step"):
-        assert re.search(rf"^ok +arm_{name}: 5 states", done.stdout, re.M)
+        assert re.search(rf"^ok +arm_{name}: 25 states", done.stdout, re.M)
 
 
 @needs_cc
@@ -348,6 +348,7 @@ def test_the_command_line_refuses_what_there_is_not(tmp_path, law, period, words
         ({"controllers": {"a b": None}}, "controllers: expected a name of letters"),
         ({"controllers": {"selftest": None}}, "another name than that of the self-test"),
         ({"prefix": "math"}, "prefix: expected a name that is no header of C's"),
+        ({"prefix": "test"}, "no target of CMake's"),
         ({"controllers": {"law": object()}}, "expected 'law' to have initial"),
         ({"functions": ()}, "at least one of either"),
     ],
@@ -405,7 +406,7 @@ class Previewing(Branching):
 
 @pytest.mark.parametrize(
     ("law", "words"),
-    [(Branching, "np.where"), (Previewing, "the time of the sample"), (Counting, "law_step gives another torque")],
+    [(Branching, "np.where"), (Previewing, "the time of the sample"), (Counting, "changes its own calls")],
 )
 def test_a_controller_that_cannot_be_exported_says_why(reference, tmp_path, law, words):
     with pytest.raises(TracingError, match=words):
@@ -478,6 +479,131 @@ def test_any_names_become_names_of_c(reference, tmp_path, state):
     if cpp := shutil.which("c++"):
         built = subprocess.run([cpp, "-x", "c++", "-fsyntax-only", tmp_path / "arm.h"], capture_output=True, text=True)
         assert not built.returncode, built.stderr
+
+
+class OtherOrder:
+    """Gives its state's numbers in another order than it began with."""
+
+    def initial(self, q, v):
+        return {"i": 0 * q, "f": v}
+
+    def update(self, t, q, v, state):
+        return -q - state["i"], {"f": state["f"] + q, "i": state["i"] + 1e-3 * v}, {}
+
+
+@needs_cc
+def test_a_state_in_another_order_goes_where_it_belongs(reference, tmp_path):
+    export(reference, tmp_path, {"law": OtherOrder()}, functions=(), prefix="arm")
+    assert selftest(tmp_path).returncode == 0
+    assert not compiled(tmp_path, *STRICT, "arm_law.c", "-shared", "-fPIC", "-o", "law.so", "-lm").returncode
+    step = ctypes.CDLL(str(tmp_path / "law.so")).arm_law_step
+    q, v = np.linspace(0.1, 0.7, 7), np.linspace(1, 2, 7)
+    state, torque = array(np.concatenate([0 * q, v])), array(np.zeros(7))
+    assert step(array(q), array(v), state, torque) == 0
+    np.testing.assert_allclose(state[:14], np.concatenate([1e-3 * v, v + q]))
+
+
+@needs_cc
+@pytest.mark.parametrize("error", [lambda q: -q, lambda q: -q[:3], lambda q: -q[0]], ids=["joints", "three", "one"])
+def test_a_law_may_log_any_error_and_nothing_is_made_up_about_its_numbers(reference, tmp_path, error):
+    class Own:
+        """Of one's own."""
+
+        gain = 3.0
+
+        def __init__(self):
+            self.touch = 2.0
+
+        def initial(self, q, v):
+            return {"integral": 0 * q, "offset": 0.0}
+
+        def update(self, t, q, v, state):
+            tau = -self.gain * q - self.touch * v - state["integral"]
+            return tau, {"integral": state["integral"] + q, "offset": state["offset"] + v[0]}, {"error": error(q)}
+
+    export(reference, tmp_path, {"law": Own()}, functions=(), prefix="arm")
+    assert selftest(tmp_path).returncode == 0
+    header = (tmp_path / "arm.h").read_text()
+    assert re.search(r"integral\[7\]; /\* as the controller has it \*/", header)
+    assert "force" not in header
+    assert "Part of the code: touch 2." in header
+
+
+@needs_cc
+def test_an_arm_that_is_singular_everywhere_is_exported(tmp_path):
+    links = "".join(
+        f"<link name='l{k}'><inertial><origin xyz='0.5 0 0'/><mass value='1'/>"
+        "<inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+        for k in range(5)
+    )
+    joints = "".join(
+        f"<joint name='j{k}' type='revolute'><parent link='l{k}'/><child link='l{k + 1}'/><origin xyz='1 0 0'/>"
+        "<axis xyz='0 1 0'/><limit lower='-3' upper='3' effort='10' velocity='3'/></joint>"
+        for k in range(4)
+    )
+    (tmp_path / "planar.urdf").write_text(f"<robot name='planar'>{links}{joints}</robot>")
+    arm = k1607.load_urdf(tmp_path / "planar.urdf")
+    export(arm, tmp_path / "c", {"joint": law_of(arm, "joint", 0.001)}, ("gravity_torque", "jacobian"))
+    assert selftest(tmp_path / "c").returncode == 0
+    header = (tmp_path / "c" / "planar.h").read_text()
+    assert "q[2]  j2: revolute, -3 to 3 rad, 10 N m at most" in header
+
+
+@needs_cc
+def test_selftest_fails_on_another_default(reference, tmp_path):
+    export(reference, tmp_path, {"joint": law_of(reference, "joint", PERIOD)}, functions=())
+    source = tmp_path / "k1607_joint.c"
+    text = source.read_text()
+    assert "    0.001, /* period */" in text
+    source.write_text(text.replace("    0.001, /* period */", "    0.01, /* period */"))
+    done = selftest(tmp_path)
+    assert done.returncode == 1
+    assert "joint_defaults: period is not as exported" in done.stdout
+
+
+@needs_cc
+@pytest.mark.parametrize("joint", range(7))
+def test_selftest_fails_on_a_torque_limit_that_is_another(reference, tmp_path, joint):
+    """Of each joint, though only the one that is nearest to its limit counts at a time."""
+    limit = np.array([1999.0, 1998, 799, 798, 149, 148, 49])
+    law = law_of(reference, "joint", PERIOD)
+    law = replace(law, practice=replace(law.practice, torque_limit=limit))
+    export(reference, tmp_path, {"joint": law}, functions=())
+    source = tmp_path / "k1607_joint.c"
+    text, count = re.subn(rf"\b{limit[joint]:.1f}\b", f"{10 * limit[joint]:.1f}", source.read_text())
+    assert count
+    source.write_text(text)
+    assert selftest(tmp_path).returncode == 1
+
+
+def test_what_is_there_already_is_replaced_only_if_it_is_of_the_same_export(reference, tmp_path):
+    law = {"joint": law_of(reference, "joint", PERIOD)}
+    export(reference, tmp_path, law | {"hold": OtherOrder()}, ("jacobian",))
+    files = export(reference, tmp_path, law, ("jacobian",))
+    assert {file.name for file in tmp_path.iterdir()} == {file.name for file in files}
+    with pytest.raises(ValueError, match=r"folder: expected none, or one with an export of 'other'.*CMakeLists"):
+        export(reference, tmp_path, functions=("jacobian",), prefix="other")
+    (tmp_path / "k1607_joint.c").write_text("mine")
+    with pytest.raises(ValueError, match=r"folder: .*k1607_joint.c"):
+        export(reference, tmp_path, law, ("jacobian",))
+    assert (tmp_path / "k1607_joint.c").read_text() == "mine"
+    with pytest.raises(ValueError, match="folder: expected a folder or none, got a file"):
+        export(reference, tmp_path / "k1607_joint.c", functions=("jacobian",))
+
+
+@pytest.mark.parametrize("period", [0.001, 0.004])
+@pytest.mark.parametrize("name", ["cartesian", "joint"])
+def test_what_is_exported_comes_back_from_a_start_that_is_off(arm, name, period):
+    """The tool by a centimetre, or the joints by 20 mrad, in any direction, with the motors' limits."""
+    law, q0, rng = law_of(arm, name, period), ready_postures(arm)[0], np.random.default_rng(0)
+    off = rng.normal(size=(32, arm.n))
+    size = np.linalg.norm(off @ arm.jacobian(q0)[:3].T, axis=1) / 0.01
+    off /= (size if name == "cartesian" else np.abs(off).max(axis=1) / 0.02)[:, None]
+    plant = k1607.Plant(arm, torque_limit=arm.effort_limit)
+    error = "error" if name == "cartesian" else "joint_error"
+    found = k1607.rollout(plant, law, q0 + off, 1.0, control_period=period, metrics={error: "last"})
+    assert np.isnan(found.failed_at).all()
+    assert found[f"{error}_last"].values.max() < 2e-3
 
 
 @needs_cc

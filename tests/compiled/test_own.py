@@ -352,6 +352,33 @@ def test_what_would_be_misunderstood_is_refused(free, settings, words):
         k1607.rollouts(free, Law(), 0.1, **settings)
 
 
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"plant": "panda"}, "plant: expected a Plant or an Arm"),
+        ({"controller": Law}, "controller: expected an object with start"),
+        ({"controller": lambda q: q}, "controller: expected an object with start"),
+        ({"duration": "1"}, "duration: expected"),
+        ({"metrics": ["error"]}, "metrics: expected a mapping"),
+        ({"step": "rk4"}, "step: expected a function"),
+        ({"signals": {"zz": lambda log: log["zz"]}}, "there is no 'zz' here"),
+    ],
+)
+def test_arguments_of_another_kind_are_told(free, q0, given, words):
+    with pytest.raises((ValueError, TracingError), match=words):
+        k1607.rollout(**{"plant": free, "controller": Law(), "q0": q0, "duration": 0.1, **given})
+
+
+def test_arguments_of_another_kind_are_told_by_sweep_and_batch(free):
+    made = k1607.rollouts(free, Law(), 0.1, metrics={})
+    with pytest.raises(ValueError, match="parameters: expected a Grid, Listed or Drawn"):
+        k1607.sweep(made, {"q0": np.zeros((2, 7))})
+    with pytest.raises(ValueError, match="run: expected what `rollouts` makes"):
+        k1607.sweep(3, k1607.Listed({"q0": np.zeros((2, 7))}))
+    with pytest.raises(ValueError, match="arm: expected an Arm"):
+        k1607.batch("panda", "jacobian")
+
+
 def test_threads_may_make_rollouts_at_once(free, q0):
     def run(k):
         return k1607.rollout(free, Law(), q0, 0.01 * (1 + k % 12), metrics={}).sizes["rollout"]

@@ -14,6 +14,6 @@ def ready_postures(arm: Arm, tries: int = 500, seed: int = 0) -> np.ndarray:
     lower, upper = (np.where(np.isfinite(x), x, sign * np.pi) for x, sign in ((arm.lower, -1), (arm.upper, 1)))
     middle, span = (lower + upper) / 2, np.minimum(upper - lower, 2 * np.pi)
     Q = middle + span * np.random.default_rng(seed).uniform(-0.25, 0.25, (tries, arm.n))
-    length = float(np.linalg.norm(arm.forward_kinematics(Q)[:, :3, 3], axis=1).max())
+    length = float(np.linalg.norm(arm.forward_kinematics(Q)[:, :3, 3], axis=1).max()) or 1.0  # a tool on the only axis
     J = arm.jacobian(Q) / np.array([length] * 3 + [1.0] * 3)[:, None]
     return Q[np.argsort(-np.linalg.svd(J, compute_uv=False)[:, -1])]

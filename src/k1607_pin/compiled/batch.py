@@ -182,6 +182,10 @@ def batch(arm: Arm, method: str) -> Batch:
     arguments = METHODS.get(method)
     if arguments is None:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm: expected an Arm (load_k1607, load_urdf, load_example), got {arm!r:.80}")
+    if method == "operational_space" and arm.n < 6:
+        raise ValueError(f"method: expected six joints or more for operational_space, {arm.name!r} has {arm.n}")
     traced = TracedArm(arm)
     return Batch(getattr(traced, method), [(arm.n,)] * arguments)
 

@@ -27,9 +27,9 @@ from k1607_pin.compiled.leaves import lasts, numbers, replaced
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.results import REST, RESULTS, dataset, variables_of
 from k1607_pin.simulation.integrators import semi_implicit_euler
-from k1607_pin.simulation.plant import Plant
+from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import PayloadSchedule
-from k1607_pin.simulation.simulate import RUNAWAY, grid
+from k1607_pin.simulation.simulate import RUNAWAY, grid, require_controller
 
 logger = logging.getLogger(__name__)
 
@@ -119,7 +119,14 @@ def rollouts(
     signals: Signals | None = None,
 ) -> "Rollouts":
     """What `rollout` runs, made once: call it with q0, v0, and values of the names ``varied``. Parameters as there."""
+    bare = plant_of(plant)
+    require_controller(controller)
     grid(duration, control_period, physics_step)
+    if not callable(step):
+        raise ValueError(f"step: expected a function such as semi_implicit_euler or runge_kutta_4, got {step!r:.80}")
+    for name, given in (("metrics", metrics), ("signals", signals)):
+        if given is not None and not isinstance(given, Mapping):
+            raise ValueError(f"{name}: expected a mapping by name, got {given!r:.80}")
     if (period := getattr(controller, "period", control_period)) != control_period:
         raise ValueError(
             f"control_period: expected the controller's own period, {period!r} s, got {control_period!r} s"
@@ -147,7 +154,6 @@ def rollouts(
             _recent.move_to_end(key)
             return found[0]
         schedule = PayloadSchedule(payloads, duration)
-        bare = Plant(plant) if isinstance(plant, Arm) else plant
         setup = Setup(bare, controller, external, schedule, from_rest, step, physics_step, signals or {})
         made = Rollouts(setup, duration, control_period, tuple(varied), metrics, tuple(log), every)
         _recent[key] = made, objects  # which stay alive, so that their ids stay theirs

@@ -73,6 +73,10 @@ def sweep(
     WorkersLostError
         A chunk has lost its workers three times, or the executor is broken for good. What was done is in the store.
     """
+    if not isinstance(run, Rollouts) and not callable(run):
+        raise ValueError(f"run: expected what `rollouts` makes, or a function that makes it, got {run!r:.80}")
+    if not isinstance(parameters, Samples):
+        raise ValueError(f"parameters: expected a Grid, Listed or Drawn, got {parameters!r:.80}")
     loop = run if isinstance(run, Rollouts) else run()
     fixed = {name: x for name, x in (("q0", q0), ("v0", v0)) if name not in parameters.along}
     _require(loop, parameters, q0, v0, chunk, ahead, executor)

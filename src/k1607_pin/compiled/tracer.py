@@ -166,7 +166,8 @@ def explained(name: str) -> Iterator[None]:
             f for f in frames if PACKAGE not in Path(f.filename).parts
         ] or frames  # one's own line, if there is one
         where = f"{frames[-1].filename}:{frames[-1].lineno}: {frames[-1].line}" if frames else "its code"
-        reason = str(error).strip().splitlines()[-1] if str(error) else type(error).__name__
+        words = f"there is no {error} here" if isinstance(error, KeyError) else str(error)
+        reason = words.strip().splitlines()[-1] if words else type(error).__name__
         reason = reason if len(reason) < LONGEST else f"{reason[:LONGEST]}..."
         hint = next((hint for words, hint in HINTS.items() if words in str(error)), "")
         raise TracingError(f"{name}: cannot be compiled: {where}: {reason}{hint}") from error

@@ -9,6 +9,21 @@ from k1607_pin.arm.arm import Arm
 REST = 1e-3  # rad/s (m/s): speed over which Coulomb friction turns round, so that it has a value at rest
 
 
+def plant_of(plant: "Plant | Arm") -> "Plant":
+    """The plant itself, or one of an arm without friction, limits and stops.
+
+    Raises
+    ------
+    ValueError
+        It is neither.
+    """
+    if isinstance(plant, Plant):
+        return plant
+    if not isinstance(plant, Arm):
+        raise ValueError(f"plant: expected a Plant or an Arm (load_k1607, load_urdf, load_example), got {plant!r:.80}")
+    return Plant(plant)
+
+
 @dataclass(frozen=True)
 class Plant:
     """An arm as its motors meet it.

@@ -1,6 +1,7 @@
 """One closed-loop rollout at Python speed: any controller, payloads on a schedule, forces from outside, and an energy account."""
 
 from collections.abc import Callable, Mapping, Sequence
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,7 +11,7 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.payload import velocity_after_gripping, with_payload
 from k1607_pin.arm.wrench import Wrench, wrench_at_tool, wrench_torque
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
-from k1607_pin.simulation.plant import Plant
+from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import NOTHING, PayloadSchedule
 
 Variables = Mapping[str, tuple[tuple[str, ...], str]]
@@ -38,6 +39,15 @@ class Controller(Protocol):
 
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: Any) -> tuple[np.ndarray, Any, Mapping[str, Any]]:
         """Torque (n,) N m to hold from t on, the next state, and named arrays to log; changes nothing in place."""
+
+
+def require_controller(controller: Any) -> None:
+    """Refuse, by `ValueError`, what is no `Controller`."""
+    missing = [name for name in ("start", "update") if not callable(getattr(controller, name, None))]
+    if missing or isinstance(controller, type):
+        raise ValueError(
+            f"controller: expected an object with start(q, v, duration) and update(t, q, v, state), got {controller!r:.80}"
+        )
 
 
 RUNAWAY = 1e4  # rad/s (m/s): no arm moves like that; well before the numbers overflow
@@ -109,7 +119,8 @@ def simulate(
     SimulationError
         A joint is faster than `RUNAWAY`, or the controller's torque is not finite; it carries the log so far.
     """
-    plant = Plant(plant) if isinstance(plant, Arm) else plant
+    plant = plant_of(plant)
+    require_controller(controller)
     bare = plant.arm
     q = bare.as_vector(q0, "q0").copy()
     v = np.zeros(bare.n) if v0 is None else bare.as_vector(v0, "v0").copy()
@@ -241,7 +252,7 @@ def _step(
 
 def grid(duration: float, control_period: float, physics_step: float) -> tuple[int, int]:
     for name, value in (("duration", duration), ("control_period", control_period), ("physics_step", physics_step)):
-        if not 0 < value < np.inf:
+        if not isinstance(value, Real) or not 0 < value < np.inf:
             raise ValueError(f"{name}: expected a positive time in s, got {value!r}")
     samples, substeps = round(duration / control_period), round(control_period / physics_step)
     if samples < 1 or abs(samples * control_period - duration) > 1e-9 * duration:

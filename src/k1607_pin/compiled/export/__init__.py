@@ -11,6 +11,7 @@ from k1607_pin.compiled.export.arm import arm_functions
 from k1607_pin.compiled.export.c import header, source
 from k1607_pin.compiled.export.law import exported_law
 from k1607_pin.compiled.export.selftest import selftest
+from k1607_pin.compiled.export.words import described_arm, joints_of
 from k1607_pin.files import write_atomically
 
 CMAKE = """\
@@ -31,10 +32,15 @@ if(MATH_LIBRARY)
   target_link_libraries({prefix} PUBLIC ${{MATH_LIBRARY}})
 endif()
 
-enable_testing()
-add_executable({prefix}_selftest {prefix}_selftest.c)
-target_link_libraries({prefix}_selftest {prefix})
-add_test(NAME {prefix}_selftest COMMAND {prefix}_selftest)
+install(TARGETS {prefix} DESTINATION lib)
+install(FILES {prefix}.h DESTINATION include)
+
+if(CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_DIR)
+  enable_testing()
+  add_executable({prefix}_selftest {prefix}_selftest.c)
+  target_link_libraries({prefix}_selftest {prefix})
+  add_test(NAME {prefix}_selftest COMMAND {prefix}_selftest)
+endif()
 """
 
 
@@ -52,7 +58,7 @@ def export(
 
     Parameters
     ----------
-    folder : made if it is not there; files of the same name are replaced.
+    folder : made if it is not there; an earlier export under the same ``prefix`` is replaced.
     controllers : name -> controller with ``initial(q, v)`` and ``update(t, q, v, state)``: becomes ``<prefix>_<name>_step`` and
         ``<prefix>_<name>_initial_state``. Its own numbers, its gains at the start and what it asks of its path are arguments; its
         options, such as a `Practice`, are part of the code.
@@ -66,15 +72,16 @@ def export(
     Raises
     ------
     ValueError
-        A name that is none in C or there twice, a function that there is not, a controller without ``initial``.
+        A name that is none in C or there twice, a function that there is not, a controller without ``initial``, a folder with
+        files under the same names that are not of an export of this name.
     TracingError
         A controller that cannot be traced; the message says where.
     """
     prefix = re.sub(r"\W+", "_", arm.name).lower() if prefix is None else prefix
     controllers = controllers or {}
     _require_name("prefix", prefix)
-    if prefix.lower() in C_HEADERS:
-        raise ValueError(f"prefix: expected a name that is no header of C's, got {prefix!r}")
+    if prefix.lower() in C_HEADERS or prefix in TARGETS:
+        raise ValueError(f"prefix: expected a name that is no header of C's and no target of CMake's, got {prefix!r}")
     for name in controllers:
         _require_name("controllers", name)
         if name.lower() == "selftest":
@@ -86,10 +93,11 @@ def export(
         raise ValueError("functions, controllers: expected at least one of either")
     if double := {name for name in names if names.count(name) > 1}:
         raise ValueError(f"functions, controllers: expected each name once, got {', '.join(sorted(double))} twice")
-    gravity = ", ".join(f"{float(g):g}" for g in arm.model.gravity.linear)
     about = [
-        f"{arm.name}: {arm.n} joints, tool frame {arm.tool_frame!r}, gravity ({gravity}) m/s^2 in the base.",
-        f"Written by k1607-pin {version('k1607-pin')} with CasADi {version('casadi')}. Not to be edited: write it anew.",
+        f"{arm.name}: {described_arm(arm)}",
+        f"{WRITTEN} {version('k1607-pin')} with CasADi {version('casadi')}. Not to be edited: write it anew.",
+        "",
+        *joints_of(arm),
     ]
     sources = {f"{prefix}.c": source(prefix, made)} if made else {}
     sources |= {f"{prefix}_{law.name}.c": source(prefix, law.functions, law) for law in laws}
@@ -99,13 +107,48 @@ def export(
         f"{prefix}_selftest.c": selftest(prefix, made, laws),
         "CMakeLists.txt": CMAKE.format(prefix=prefix, sources=" ".join(sources)),
     }
+    texts = {name: text if name.endswith(".h") else f"{_mark(name)}\n{text}" for name, text in texts.items()}
+    _clear(Path(folder), prefix, texts)
     return [write_atomically(Path(folder) / name, text) for name, text in texts.items()]
+
+
+WRITTEN = "Written by k1607-pin"
+
+
+def _mark(name: str) -> str:
+    return f"# {WRITTEN}." if name == "CMakeLists.txt" else f"/* {WRITTEN}. Not to be edited: write it anew. */"
+
+
+def _clear(folder: Path, prefix: str, texts: Mapping[str, str]) -> None:
+    """Refuse to write over what is not of this robot's export, and take away what an earlier one has left."""
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"folder: expected a folder or none, got a file, {folder}")
+    for name in texts:
+        if (file := folder / name).exists():
+            there = file.read_text(errors="replace")
+            if WRITTEN not in there or (name == "CMakeLists.txt" and f"project({prefix} C)" not in there):
+                raise ValueError(f"folder: expected none, or one with an export of {prefix!r}, got another's {file}")
+    for file in folder.glob(f"{prefix}_*.c"):
+        if file.name not in texts and WRITTEN in file.read_text(errors="replace"):
+            file.unlink()
 
 
 C_HEADERS = (
     "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits", "locale", "math", "setjmp", "signal",
     "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "tgmath", "time", "wchar", "wctype",
+    "features", "strings", "alloca", "endian", "memory", "malloc", "unistd", "pthread", "sched",
 )  # fmt: skip
+TARGETS = (
+    "all",
+    "clean",
+    "help",
+    "install",
+    "package",
+    "test",
+    "edit_cache",
+    "rebuild_cache",
+    "list_install_components",
+)
 
 
 def _require_name(argument: str, name: str) -> None:

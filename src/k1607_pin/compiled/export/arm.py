@@ -7,6 +7,7 @@ import numpy as np
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.export.function import Argument, Case, Field, Function
+from k1607_pin.compiled.export.known import completed
 from k1607_pin.compiled.program import program
 from k1607_pin.compiled.trace import trace
 from k1607_pin.compiled.traced_arm import TracedArm
@@ -16,6 +17,9 @@ CASES = 5
 CLEAR = 0.05
 """Smallest singular value of J over the largest, at the states of the cases: near a singularity rounding grows as the inverse
 square."""
+
+
+TRIED = 100  # postures
 
 
 class _Kind(NamedTuple):
@@ -137,12 +141,10 @@ def inputs_of(arm: Arm) -> dict[str, Field]:
 
 
 def clear_posture(arm: Arm, rng: np.random.Generator) -> np.ndarray:
-    """(n,) within the limits, and away from singularities."""
-    while True:
-        q = arm.random_configuration(rng)
-        sigma = np.linalg.svd(arm.jacobian(q), compute_uv=False)
-        if sigma[-1] > CLEAR * sigma[0]:
-            return q
+    """(n,) within the limits, and away from singularities, as far as the arm has such postures."""
+    tried = arm.random_configuration(rng, TRIED)
+    sigma = np.linalg.svd(arm.jacobian(tried), compute_uv=False)
+    return tried[np.argmax(sigma[:, -1] > min(CLEAR, 0.5 * np.max(sigma[:, -1] / sigma[:, 0])) * sigma[:, 0])]
 
 
 def _states(arm: Arm) -> list[dict[str, np.ndarray]]:
@@ -167,4 +169,4 @@ def _function(arm: Arm, name: str, states: Sequence[dict[str, np.ndarray]]) -> F
         cases.append(Case(np.concatenate(given), np.concatenate([np.ravel(x) for x in kind.of(arm, *given)])))
     traced = TracedArm(arm)
     f = trace(lambda *x: tuple(np.reshape(out, (-1,)) for out in kind.of(traced, *x)), name, [(arm.n,)] * len(takes))
-    return Function(name, kind.says, tuple(inputs), outputs, program(f), cases)
+    return completed(Function(name, kind.says, tuple(inputs), outputs, program(f), cases))

@@ -154,7 +154,7 @@ def _comment(lines: Sequence[str]) -> str:
     for line in lines:
         inner = " " * (len(line) - len(line.lstrip()))
         further = inner + "    " if inner else ""
-        text = line.strip().replace("*/", "* /")
+        text = line.strip().replace("*/", "* /").replace("/*", "/ *")
         folded += textwrap.wrap(text, WIDTH, initial_indent=inner, subsequent_indent=further) or [""]
     return "/* " + "\n   ".join(folded).replace("   \n", "\n") + " */\n"
 

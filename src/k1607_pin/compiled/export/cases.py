@@ -8,10 +8,12 @@ import numpy as np
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.ready import ready_postures
+from k1607_pin.compiled.checked import attributes, require_built, require_unchanged
 from k1607_pin.compiled.export.arm import CASES, clear_posture
 from k1607_pin.compiled.export.function import Case
-from k1607_pin.compiled.export.trace import Leaf, TracedLaw
-from k1607_pin.compiled.leaves import numbers, replaced
+from k1607_pin.compiled.export.trace import Leaf, TracedLaw, named_numbers
+from k1607_pin.compiled.leaves import apart, numbers, paths, replaced
+from k1607_pin.compiled.tracer import TracingError
 
 TICKS = 3  # before the one that is kept: the state is then one that the law comes to
 FAR, NEAR = 0.02, 1e-5  # rad, rad/s: how far from one of them to the next, away from the path and near it
@@ -37,10 +39,10 @@ class _Moment(NamedTuple):
         if leaf.role == "measured":
             return below(self.law, leaf.path)(self.t, self.q, self.v)
         if leaf.role == "state":
-            return below(self.state, leaf.path)
+            return dict(named_numbers(self.state, ""))[leaf.path]
         if not leaf.source:
             return self.t
-        return below(below(self.law, leaf.source)(self.t), leaf.path[len(leaf.source) :])
+        return dict(named_numbers(below(self.law, leaf.source)(self.t), leaf.source))[leaf.path]
 
 
 def law_cases(
@@ -48,6 +50,7 @@ def law_cases(
 ) -> tuple[list[Case], list[Case]]:
     """Of the step and of the initial state, whose arguments are these leaves: with other parameters, some periods on."""
     rng = np.random.default_rng(1990)
+    controller = apart(controller)
     steps, starts = [], []
     for k in range(CASES):
         near = k % 2 == 1
@@ -60,11 +63,17 @@ def law_cases(
             t, size = float(rng.uniform(0.1, 2.0)), FAR
             q, v = clear_posture(arm, rng), 0.3 * rng.normal(size=arm.n)
         state = law.initial(q, v)
+        built, before = paths(state), attributes(law)
         starts.append(Case(_flat(_Moment(law, 0.0, q, v, state), start), _numbers(traced.layout.flat(state))))
         for _ in range(TICKS):
-            _, state, _ = law.update(t, q, v, state)
+            _, state, _ = law.update(t, q.copy(), v.copy(), state)
+            require_built(paths(state), built)
             q, v = q + size * rng.normal(size=arm.n), v + size * rng.normal(size=arm.n)
-        tau, after, log = law.update(t, q, v, state)
+        tau, after, log = law.update(t, q.copy(), v.copy(), apart(state))
+        if np.shape(tau) != (arm.n,):
+            raise TracingError(f"controller.update: expected a torque of shape ({arm.n},), got {np.shape(tau)}")
+        require_built(paths(after), built)
+        require_unchanged(law, before)
         results = [tau, *(log[key] for key in traced.keys.values()), traced.layout.flat(after)]
         expected = np.concatenate([_numbers(x) for x in results])
         if not np.isfinite(expected).all():
@@ -96,10 +105,10 @@ def _follower(law: Any, t: float, q: np.ndarray) -> np.ndarray:
     """(n,) with as little of the error that the law logs as Newton's method gets to: where no limit of the law is reached."""
     still = np.zeros(len(q))
     for _ in range(30):
-        log = law.update(t, q, still, law.initial(q, still))[2]
+        log = law.update(t, q.copy(), still.copy(), law.initial(q, still))[2]
         error = log.get("joint_error", log.get("error"))
-        if error is None:
-            break
+        if np.shape(error) != (q.shape if "joint_error" in log else (6,)) or not hasattr(law, "arm"):
+            break  # a law of one's own, whose error is another
         q = q + (error if "joint_error" in log else np.linalg.lstsq(law.arm.jacobian(q), error, rcond=None)[0])
     return q
 

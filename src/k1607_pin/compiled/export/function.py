@@ -53,7 +53,9 @@ class Function(NamedTuple):
     program: Program
     """Its inputs and outputs are the fields of the arguments, in order."""
     cases: Sequence[Case]
-    """From Pinocchio, or from the controller itself, on floats"""
+    """From Pinocchio, or from the controller itself, on floats; `completed` adds others"""
+    tolerances: tuple[float, ...] = ()
+    """Of each output's fields: how far off C may be, as a share of what `scale_of` measures by"""
 
     @property
     def arguments(self) -> list[Argument]:

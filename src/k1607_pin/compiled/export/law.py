@@ -12,13 +12,12 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.export.arm import inputs_of
 from k1607_pin.compiled.export.cases import law_cases
-from k1607_pin.compiled.export.function import Argument, Field, Function, Struct, fields
+from k1607_pin.compiled.export.function import Argument, Field, Function, Struct
+from k1607_pin.compiled.export.known import completed
 from k1607_pin.compiled.export.trace import ROLES, Leaf, TracedLaw
-from k1607_pin.compiled.export.words import RENAMED, described, name_in_c, options, title
-from k1607_pin.compiled.interpreted import function_of
+from k1607_pin.compiled.export.words import RENAMED, described, described_arm, name_in_c, options, title
 from k1607_pin.compiled.leaves import numbers
 from k1607_pin.compiled.program import Program
-from k1607_pin.compiled.tracer import TracingError
 
 STRUCTS = {
     "parameters": "What may be changed from run to run; `defaults` gives the values it was exported with.",
@@ -64,10 +63,10 @@ def exported_law(arm: Arm, name: str, controller: Any) -> Law:
     step = [leaf for k, leaf in enumerate(every) if leaf.role not in OPTIONAL or k in of_step | of_start]
     needed = {every[k].role for k in of_start} | {"q", "v"}
     start = [leaf for leaf in step if leaf.role in needed]
-    names, variables = _names(step), getattr(controller, "variables", {})
+    names = _names(step)
 
     def group(role: str) -> tuple[Field, ...]:
-        return tuple(described(role, names[leaf.key], leaf.shape, variables) for leaf in step if leaf.role == role)
+        return tuple(described(role, names[leaf.key], leaf.shape, controller) for leaf in step if leaf.role == role)
 
     there = inputs_of(arm)
     arguments: dict[str, tuple[Argument, ...]] = {
@@ -76,7 +75,7 @@ def exported_law(arm: Arm, name: str, controller: Any) -> Law:
     arguments |= {"q": (there["q"],), "v": (there["v"]._replace(says="joint velocities, measured"),)}
     arguments["measured"] = group("measured")
     torque = there["torque"]._replace(says="to be held until the next period")
-    logged = (described("output", key, traced.shapes[key], variables, log) for key, log in traced.keys.items())
+    logged = (described("output", key, traced.shapes[key], controller, log) for key, log in traced.keys.items())
     step_cases, start_cases = law_cases(arm, controller, traced, step, start)
     functions = [
         Function(
@@ -98,40 +97,24 @@ def exported_law(arm: Arm, name: str, controller: Any) -> Law:
             start_cases,
         )
         functions.insert(0, beginning)
-    for f in functions:
-        _require_known(f)
     own = numbers(controller)
     defaults = {names[leaf.key]: own[leaf.path] for leaf in step if leaf.role == "parameters"}
-    return Law(name, title(controller), options(controller), tuple(functions), defaults)
+    return Law(name, title(controller), _about(arm, controller, step), tuple(map(completed, functions)), defaults)
+
+
+def _about(arm: Arm, controller: Any, step: Sequence[Leaf]) -> tuple[str, ...]:
+    """What of the controller is part of the code, its own model of the arm included where that is another."""
+    parameters = [leaf.path for leaf in step if leaf.role == "parameters"]
+    lines = options(controller, parameters)
+    model = getattr(controller, "arm", None)
+    if isinstance(model, Arm) and model.model != arm.model:
+        lines += (f"Its model of the arm is its own: {described_arm(model)}",)
+    return lines
 
 
 def _used(program: Program) -> set[int]:
     """Which inputs anything depends on."""
     return {node.place[0] for node in program.nodes if node.op == "input"}
-
-
-AGREE = 1e-9
-"""Of the largest number that is known of a result; the self-test's tolerance is smaller"""
-
-
-def _require_known(f: Function) -> None:
-    """That the program gives what the controller gives on numbers: not all that traces does."""
-    names = [str(k) for k in range(len(list(fields(f.inputs))))]
-    run, taken = function_of("f", f.program, names)
-    given, expected = (np.array([case[k] for case in f.cases]) for k in (0, 1))
-    parts = np.split(given, np.cumsum([x.size for _, x in fields(f.inputs)])[:-1], axis=1)
-    takes = [x.T[: run.size1_in(k)] if names[k] in taken else np.zeros((1, len(given))) for k, x in enumerate(parts)]
-    found = run.map(len(given))(*takes)
-    found = np.concatenate([x.full().T for x in (found if isinstance(found, tuple) else (found,))], axis=1)
-    first = 0
-    for _, field in fields(f.outputs):
-        here = slice(first, first := first + field.size)
-        off, largest = (np.abs(x[:, here]).max(initial=0.0) for x in (found - expected, expected))
-        if not off <= AGREE * max(largest, 1e-9):
-            raise TracingError(
-                f"controllers: {f.name} gives another {field.name} than the controller on numbers, {off:.2g} apart. A Python "
-                "condition, float(), something random or remembered, or a state that is no number does not trace"
-            )
 
 
 def _names(leaves: Sequence[Leaf]) -> dict[tuple[str, str], str]:

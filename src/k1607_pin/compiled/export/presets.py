@@ -25,6 +25,8 @@ STIFFEST = np.array([1e5] * 3 + [1e3] * 3)  # N/m, N m/rad: contact that the hyb
 FORCE_OMEGA = 200.0  # 1/s
 GAIN_BOUND = 0.8
 SWAY = 0.3  # rad
+OFF_TOOL = np.array([0.01] * 3 + [0.05] * 3)  # m, rad: off by so much, the torques stay within their limits
+OFF_JOINT = 0.02  # rad (m), likewise
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,8 @@ def stand_in_for_sensor(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 def cartesian(arm: Arm, period: float) -> CartesianAdaptive:
     """The Cartesian scheme, with gravity compensated, torques limited and, where joints are left over, a posture kept."""
     q = ready_postures(arm)[0]
-    start, gains, omega = arm.forward_kinematics(q), gains_from_inertia(arm, q, _omega(period)), _omega(period)
+    omega = _omega(period, _loads(arm, q, _tool_unit_torques(arm, q)))
+    start, gains = arm.forward_kinematics(q), gains_from_inertia(arm, q, omega)
     beta_1, beta_2 = (rate * np.linalg.eigvalsh(gains.K_p)[0] for rate in _rates(omega))
     return CartesianAdaptive(
         arm, Line(start.translation), start.rotation, gains, _model(omega), beta_1, beta_2, period, _posture(arm, q),
@@ -57,7 +60,8 @@ def cartesian(arm: Arm, period: float) -> CartesianAdaptive:
 
 def joint(arm: Arm, period: float) -> JointAdaptive:
     """The joint-space scheme, with gravity compensated and torques limited."""
-    q, omega = ready_postures(arm)[0], _omega(period)
+    q = ready_postures(arm)[0]
+    omega = _omega(period, _loads(arm, q, OFF_JOINT * arm.mass_matrix(q)))
     beta_1, beta_2 = (rate * omega**2 for rate in _rates(omega))
     return JointAdaptive(
         arm, Swaying(q), gains_from_mass(arm, q, omega), model_from_mass(arm, q, omega), beta_1, beta_2, period,
@@ -68,7 +72,8 @@ def joint(arm: Arm, period: float) -> JointAdaptive:
 def hybrid(arm: Arm, period: float) -> HybridAdaptive:
     """The hybrid scheme, likewise; gains of examples/wall.py."""
     q = ready_postures(arm)[0]
-    start, omega = arm.forward_kinematics(q), 0.06 / period
+    start = arm.forward_kinematics(q)
+    omega = min(0.06 / period, _omega(period, _loads(arm, q, _tool_unit_torques(arm, q))))
     gains, force_gains = hybrid_gains(arm, q, STIFFEST, omega=omega, force_omega=FORCE_OMEGA)
     push = Mode(selection=(1, 0, 0, 0, 0, 0), force=(20.0, 0, 0, 0, 0, 0), time=0.1)
     force_model = reference_model(
@@ -77,7 +82,7 @@ def hybrid(arm: Arm, period: float) -> HybridAdaptive:
     return HybridAdaptive(
         arm, Line(start.translation), start.rotation, (Mode(np.zeros(6)), push), stand_in_for_sensor, STIFFEST, gains,
         force_gains, reference_model(2 * np.ones(6), 3 * np.ones(6)), force_model, 1e5, 1e5, 1e-5, 1e-10, period,
-        posture=_posture(arm, q), practice=_practice(arm, GAIN_BOUND), force_practice=Practice(gain_bound=GAIN_BOUND),
+        posture=_posture(arm, q), practice=_practice(arm), force_practice=Practice(gain_bound=GAIN_BOUND),
     )  # fmt: skip
 
 
@@ -105,8 +110,26 @@ def _recommended() -> dict[str, Any]:
     return data.load("study_cases")["recommended"]
 
 
-def _omega(period: float) -> float:
-    return _recommended()["omega_T"] / period
+def _omega(period: float, loads: float) -> float:
+    """1/s: as fast as the period allows, and so slow that what is off at the start asks for no more torque than there is."""
+    return float(min(_recommended()["omega_T"] / period, np.sqrt(1 / loads) if loads > 0 else np.inf))
+
+
+def _tool_unit_torques(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """(n, 6) N m s^2: torques per omega^2 for the tool off by `OFF_TOOL` along and about each axis."""
+    J = arm.jacobian(q)
+    Lambda = np.linalg.inv(J @ np.linalg.solve(arm.mass_matrix(q), J.T))
+    return J.T @ Lambda * OFF_TOOL
+
+
+def _loads(arm: Arm, q: np.ndarray, torques: np.ndarray) -> float:
+    """s^2: the largest of the torques (n, m) over what the motors have left beside gravity, half of their limit at least."""
+    left = np.maximum(arm.effort_limit - np.abs(arm.gravity_torque(q)), arm.effort_limit / 2)
+    return float(np.max(np.abs(torques) / left[:, None])) if _limits_known(arm) else 0.0
+
+
+def _limits_known(arm: Arm) -> bool:
+    return bool(np.isfinite(arm.effort_limit).all() and (arm.effort_limit > 0).all())
 
 
 def _rates(omega: float) -> tuple[float, float]:
@@ -125,7 +148,6 @@ def _posture(arm: Arm, q: np.ndarray) -> Posture | None:
     return hold(q, _recommended()["posture_omega"]) if arm.n > 6 else None
 
 
-def _practice(arm: Arm, gain_bound: float = np.inf) -> Practice:
-    limit = arm.effort_limit
-    known = np.isfinite(limit).all() and (limit > 0).all()
-    return Practice(gravity=True, torque_limit=limit if known else None, gain_bound=gain_bound)
+def _practice(arm: Arm) -> Practice:
+    limit = arm.effort_limit if _limits_known(arm) else None
+    return Practice(gravity=True, torque_limit=limit, gain_bound=GAIN_BOUND)

@@ -5,9 +5,23 @@ from importlib.resources import files
 
 import numpy as np
 
+from k1607_pin.compiled.emit import literal
 from k1607_pin.compiled.export.c import kind, wrapped
 from k1607_pin.compiled.export.function import Argument, Function, Struct, fields, size
 from k1607_pin.compiled.export.law import Law
+
+OTHER = """\
+/* Whether a law's default is another number than it was exported with. */
+static int other(const char *function, const char *name, const double *is, const double *known, int size)
+{
+  for (int i = 0; i < size; i++)
+    if (!(is[i] == known[i])) {
+      printf("FAILED  %s: %s is not as exported\\n", function, name);
+      return 1;
+    }
+  return 0;
+}
+"""
 
 
 def selftest(prefix: str, functions: Sequence[Function], laws: Sequence[Law]) -> str:
@@ -16,17 +30,21 @@ def selftest(prefix: str, functions: Sequence[Function], laws: Sequence[Law]) ->
     most = max(max(size(f.inputs), size(f.outputs)) for _, f in everything)
     parts = [
         f'#include "{prefix}.h"\n',
-        f"#define MOST {most}\n",
+        f"#define MOST {most}\n#define MOST_IN_ALL {max(len(f.cases) * size(f.outputs) for _, f in everything)}\n",
         (files("k1607_pin.compiled.export") / "selftest.c").read_text(),
     ]
     parts += [_case(prefix, law, f) for law, f in everything]
+    if any(law.defaults for law in laws):
+        parts.append(OTHER)
+    parts += [_defaults(prefix, law) for law in laws if law.defaults]
     rows = ",\n".join(_row(prefix, f) for _, f in everything)
     parts.append(f"static const Function functions[] = {{\n{rows}\n}};\n")
     parts.append(
         "int main(void)\n{\n"
         "  const int count = (int)(sizeof functions / sizeof functions[0]);\n  int failed = 0;\n"
         "  for (int k = 0; k < count; k++) failed += failures(functions + k);\n"
-        f'  printf("{prefix}: %d functions, %d failures\\n", count, failed);\n'
+        + "".join(f"  failed += {law.name}_defaults_differ();\n" for law in laws if law.defaults)
+        + f'  printf("{prefix}: %d functions, %d failures\\n", count, failed);\n'
         "  return failed != 0;\n}\n"
     )
     return "\n".join(parts)
@@ -73,8 +91,8 @@ def _case(prefix: str, law: str, f: Function) -> str:
         places[struct and struct.name, field.name] = first
         first += field.size
     results = ", ".join(
-        f'{{"{field.name}", {field.size}, {places.get((struct and struct.name, field.name), -1)}}}'
-        for struct, field in fields(f.outputs)
+        f'{{"{field.name}", {field.size}, {places.get((struct and struct.name, field.name), -1)}, {literal(tolerance)}}}'
+        for (struct, field), tolerance in zip(fields(f.outputs), f.tolerances, strict=True)
     )
     given, expected = (np.array([case[k] for case in f.cases]) for k in (0, 1))
     return "\n".join(
@@ -88,6 +106,22 @@ def _case(prefix: str, law: str, f: Function) -> str:
             "",
         ]
     )
+
+
+def _defaults(prefix: str, law: Law) -> str:
+    """A C function that tells whether a law's default parameters are other ones."""
+    type_ = f"{prefix}_{law.name}_parameters"
+    lines = [f"static int {law.name}_defaults_differ(void)", "{", f"  {type_} is;", "  int differ = 0;"]
+    lines.append(f"  {prefix}_{law.name}_defaults(&is);")
+    for name, value in law.defaults.items():
+        there = f"is.{name}" if np.shape(value) else f"&is.{name}"
+        lines.append("  {")
+        lines.append(f"    static const double known[] = {{\n      {wrapped(np.ravel(value), '      ')}\n    }};")
+        lines.append(
+            f'    differ += other("{prefix}_{law.name}_defaults", "{name}", {there}, known, {np.size(value)});'
+        )
+        lines.append("  }")
+    return "\n".join([*lines, "  return differ;", "}", ""])
 
 
 def _row(prefix: str, f: Function) -> str:

@@ -61,6 +61,8 @@ class TracedLaw:
         tracer.at_start = False
         with explained("controller.update"):
             tau, after, log = law.update(tracer.time[0], q, v, sample if state is None else self.layout.rebuilt(state))
+        if (count := len(Layout(None).flat(tau))) != n:
+            raise TracingError(f"controller.update: expected a torque of shape ({n},), got {count} numbers")
         self.tau, self.after = Layout(None).flat(tau), self.layout.flat(after)
         if len(self.after) != self.layout.size:
             raise TracingError(
@@ -145,7 +147,7 @@ def _own(controller: Any) -> list[str]:
         first, *rest = name.split(".")
         if rest:
             return isinstance(getattr(controller, first), Gains) or name == "posture.omega"
-        return kinds[first] is float or not isinstance(getattr(controller, first), int)
+        return kinds[first] in (float, "float") or not isinstance(getattr(controller, first), int)
 
     return [name for name, x in numbers(controller).items() if is_own(name, x)]
 
@@ -153,17 +155,18 @@ def _own(controller: Any) -> list[str]:
 def _split(sample: Any, role: str, source: str, symbols: Any) -> list[Leaf]:
     """A leaf for each number or array of a nest whose `Layout` the symbols are for."""
     found, first = [], 0
-    for name, shape in _walk(sample, source):
-        size = int(np.prod(shape))
-        found.append(Leaf(role, name, column(symbols)[first : first + size], shape, source))
+    for name, x in named_numbers(sample, source):
+        size = int(np.size(x))
+        if size:
+            found.append(Leaf(role, name, column(symbols)[first : first + size], np.shape(x), source))
         first += size
     return found
 
 
-def _walk(x: Any, path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Dotted names and shapes, in the order of `Layout`."""
+def named_numbers(x: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Dotted names and the numbers and arrays themselves, in the order of `Layout`."""
     if is_number(x):
-        yield path, np.shape(x)
+        yield path, x
         return
     items: Any = ()
     if is_named_tuple(x):
@@ -175,7 +178,7 @@ def _walk(x: Any, path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
     elif is_dataclass(x) and not isinstance(x, type):
         items = vars(x).items()
     for name, item in items:
-        yield from _walk(item, f"{path}.{name}" if path else name)
+        yield from named_numbers(item, f"{path}.{name}" if path else str(name))
 
 
 def _within(name: str) -> str:

@@ -1,14 +1,17 @@
 """What the header says of the numbers that a control law takes and gives."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
+from k1607_pin.arm.arm import Arm
+from k1607_pin.compiled.checked import attributes
 from k1607_pin.compiled.emit import LIBM
 from k1607_pin.compiled.export.function import Field
+from k1607_pin.compiled.leaves import numbers
 from k1607_pin.control.practice import OFF, Practice
 
 Variables = Mapping[str, tuple[tuple[str, ...], str]]
@@ -80,12 +83,16 @@ TITLES = {
 def title(controller: Any) -> str:
     """What it is, in a line."""
     kind = type(controller).__name__
-    return TITLES.get(kind, (type(controller).__doc__ or kind).strip().splitlines()[0])
+    return TITLES.get(kind) or ((type(controller).__doc__ or "").strip() or kind).splitlines()[0]
 
 
-def options(controller: Any) -> tuple[str, ...]:
-    """Those of its practices that are not off, a line each."""
+def options(controller: Any, parameters: Sequence[str]) -> tuple[str, ...]:
+    """What of it is code: those of its practices that are not off, a line each; of one's own, what is no parameter."""
     lines = []
+    if not is_ours(controller):
+        plain = attributes(controller) | numbers(controller)
+        fixed = [f"{name} {_short(x)}" for name, x in plain.items() if name not in parameters]
+        lines += [f"Part of the code: {', '.join(fixed)}."] if fixed else []
     for where, practice in vars(controller).items():
         if not isinstance(practice, Practice):
             continue
@@ -108,8 +115,11 @@ KEYWORDS = (
 """Of C and, for the header's sake, of C++; and what math.h makes of two more"""
 
 
+MACRO = re.compile(r"FP_|HUGE_|M_[A-Z0-9]|MATH_|[A-Z]+_MAX$|[A-Z]+_MIN$|EOF$|NULL$|BUFSIZ$")
+"""Of C's headers"""
 LOCAL = re.compile(
-    r"w\d+|q|v|ok|in|out|status|\w*_?state|torque|parameters|reference|mem\w+|" + "|".join([*OUTPUTS, *LIBM])
+    r"w\d+|q|v|ok|in|out|status|\w*_?state|torque|parameters|reference|mem\w+|all_finite|set_zero|"
+    + "|".join([*OUTPUTS, *LIBM])
 )
 """What stands beside the names of what is measured, in the code itself"""
 
@@ -117,8 +127,17 @@ LOCAL = re.compile(
 def name_in_c(name: str, role: str) -> str:
     """A name that C takes, of any."""
     name = re.sub(r"\W", "_", name, flags=re.ASCII)
-    good = re.match("[a-zA-Z]", name) and name not in KEYWORDS and not (role == "measured" and LOCAL.fullmatch(name))
+    good = (
+        re.match("[a-zA-Z]", name)
+        and not MACRO.match(name)
+        and name not in KEYWORDS
+        and not (role == "measured" and LOCAL.fullmatch(name))
+    )
     return name if good else f"{role}_{name}".rstrip("_")
+
+
+def _short(x: Any) -> str:
+    return np.array2string(np.asarray(x), threshold=12, edgeitems=2, separator=", ").replace("\n", "")
 
 
 def output_names(log: Mapping[str, Any]) -> dict[str, str]:
@@ -127,8 +146,36 @@ def output_names(log: Mapping[str, Any]) -> dict[str, str]:
     return {name: key for name, key in found.items() if key is not None}
 
 
-def described(role: str, name: str, shape: tuple[int, ...], variables: Variables, key: str = "") -> Field:
+def described_arm(arm: Arm) -> str:
+    """What tells it from another of the same name."""
+    gravity = ", ".join(f"{float(g):g}" for g in arm.model.gravity.linear)
+    mass = sum(inertia.mass for inertia in arm.model.inertias)
+    return f"{arm.n} joints, {mass:.6g} kg, tool frame {arm.tool_frame!r}, gravity ({gravity}) m/s^2 in the base."
+
+
+def joints_of(arm: Arm) -> list[str]:
+    """A line a joint: its place in q, name, kind, limits; and where the tool is."""
+    lines = []
+    for k, name in enumerate(arm.joint_names):
+        prismatic = arm.model.joints[k + 1].shortname().startswith("JointModelP")
+        kind, unit, force = ("prismatic", "m", "N") if prismatic else ("revolute", "rad", "N m")
+        limits = f"{arm.lower[k]:.6g} to {arm.upper[k]:.6g} {unit}, {arm.effort_limit[k]:.6g} {force} at most"
+        lines.append(f"  q[{k}]  {name}: {kind}, {limits}")
+    at_zero = ", ".join(f"{x:.6g}" for x in arm.forward_kinematics(np.zeros(arm.n)).translation)
+    return [*lines, f"At q = 0 the tool is at ({at_zero}) m in the base."]
+
+
+def is_ours(controller: Any) -> bool:
+    """Whether its class is this package's, so that it is known what its numbers are."""
+    return type(controller).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def described(role: str, name: str, shape: tuple[int, ...], controller: Any, key: str = "") -> Field:
     """The field with its unit and meaning, as far as they are known; ``key``: the controller's name for what is logged."""
+    variables: Variables = getattr(controller, "variables", {})
+    if not is_ours(controller):
+        unit, says = KNOWN["t"] if (role, name) == ("reference", "t") else (variables.get(key or name, ((), ""))[1], "")
+        return Field(name, shape, unit or "as the controller has it", says)
     unit, says = KNOWN.get(name) or KNOWN.get(name[-len("K_p") :], ("", ""))  # the gains of a loop
     if role == "reference":
         of_path = JOINTS if "joint_error" in variables else TOOL
