@@ -1,6 +1,7 @@
 """Controllers as people write them: what may be done is as simulated, what may not says what to do instead."""
 
 import copy
+import gc
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import k1607_pin as k1607
+from k1607_pin.compiled import rollout as rollout_module
 from k1607_pin.compiled.native import Native
 from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.simulation.noise import WhiteNoise
@@ -377,6 +379,64 @@ def test_arguments_of_another_kind_are_told_by_sweep_and_batch(free):
         k1607.sweep(3, k1607.Listed({"q0": np.zeros((2, 7))}))
     with pytest.raises(ValueError, match="arm: expected an Arm"):
         k1607.batch("panda", "jacobian")
+
+
+def test_loops_that_differ_in_any_setting_are_others_and_few_are_kept(free, law):
+    settings = [
+        {}, {"from_rest": True}, {"physics_step": 5e-4}, {"every": 2}, {"metrics": {"tau": "max"}}, {"log": ("q",)},
+        {"duration": 0.2}, {"payloads": [(0.0, k1607.Payload(1.0))]}, {"external": pushed}, {"signals": {"n": counted}},
+    ]  # fmt: skip
+    made = [k1607.rollouts(**{"plant": free, "controller": law, "duration": 0.1, **more}) for more in settings]
+    assert len(set(map(id, made))) == len(settings)
+    assert len(rollout_module._recent) <= rollout_module.RECENT
+
+
+def pushed(t, q, v):
+    return None
+
+
+def counted(log):
+    return log["t"]
+
+
+def test_a_wrong_number_in_the_middle_is_found(free, law, q0):
+    for values in ([0.1, 0.2, -0.5, 0.3], np.linspace(-0.5, 1, 65), np.linspace(0.5, -1, 65)):
+        with pytest.raises(ValueError, match="beta_1: expected a number >= 0"):
+            k1607.rollout(free, law, q0, 0.1, vary={"controller.beta_1": values})
+
+
+def test_of_a_rollout_that_is_lost_at_once_no_metric_is_told(free, q0):
+    class Lost(Law):
+        def update(self, t, q, v, state):
+            return np.inf + 0 * v, state, {}
+
+    found = k1607.rollout(free, Lost(), q0, 0.1, metrics={"tau": ("max", "rms", "last")})
+    assert found.failed_at == 0
+    assert all(np.isnan(found[f"tau_{kind}"]).all() for kind in ("max", "rms", "last"))
+
+
+@dataclass(frozen=True)
+class TwiceNoisy(Law):
+    three: Any
+    four: Any
+
+    def update(self, t, q, v, state):
+        return np.concatenate([self.three(t), self.four(t)]) - q, state, {}
+
+
+def test_two_sources_of_noise_are_each_their_own(free, q0):
+    law = TwiceNoisy(WhiteNoise(3, 3, 0.01), WhiteNoise(4, 4, 0.01))
+    seeds = {"controller.three.seed": [3, 5, 6], "controller.four.seed": [4, 3, 2]}
+    found = k1607.rollout(free, law, q0, 0.1, vary=seeds, metrics={})
+    for i, (a, b) in enumerate(zip(*seeds.values(), strict=True)):
+        wanted = k1607.simulate(free, TwiceNoisy(WhiteNoise(a, 3, 0.01), WhiteNoise(b, 4, 0.01)), q0, 0.1)
+        np.testing.assert_allclose(found.q_end[i], wanted.q[-1], atol=1e-12)
+
+
+def test_the_collector_of_garbage_is_as_it_was(free):
+    assert gc.isenabled()
+    k1607.rollouts(free, Law(), 0.05, metrics={})
+    assert gc.isenabled()
 
 
 def test_threads_may_make_rollouts_at_once(free, q0):

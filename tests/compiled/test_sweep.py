@@ -10,6 +10,7 @@ import tracemalloc
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import cloudpickle
@@ -162,6 +163,10 @@ def test_a_store_is_the_same_with_and_without_interruption(run, expected, tmp_pa
     assert told[0][0] >= 60  # what was there
     assert [x[0] for x in told] == sorted(x[0] for x in told)
     assert told[-1][:2] == (150, 150)
+    for before, (done, total, rate, left) in pairwise(told):
+        assert done > before[0]
+        assert left == pytest.approx((total - done) / rate)
+    assert told[0][2:] == (0.0, np.inf)  # what an earlier call has done says nothing of how fast this one is
     same(again, expected)
     assert of(tmp_path / "twice") == of(tmp_path / "whole")
     same(xr.open_zarr(tmp_path / "twice", consolidated=True), expected)
@@ -245,6 +250,11 @@ def test_what_is_left_of_a_store_s_making_is_cleared_away(run, tmp_path):
     assert sorted(f.name for f in tmp_path.iterdir()) == [".s.new.making", "s"]
 
 
+def test_distributions_of_one_median_are_other_sweeps():
+    told = {str(k1607.Drawn({"x": x}, 8).identity()) for x in (k1607.Uniform(0, 1), k1607.Normal(0.5, 0.3))}
+    assert len(told) == 2
+
+
 def test_no_two_ranges_of_whole_numbers_are_the_same_sweep():
     told = {str(k1607.Drawn({"x": k1607.Integers(0, n)}, 8).identity()) for n in range(1, 2000)}
     assert len(told) == 1999
@@ -283,6 +293,8 @@ def test_another_sweep_s_store_is_refused(run, tmp_path):
     with pytest.raises(ValueError, match="store: expected a new folder"):
         k1607.sweep(run, DRAWN, store=tmp_path / "else")
     assert (tmp_path / "else" / "mine.txt").read_text() == "precious"
+    with pytest.raises(ValueError, match="store: expected a folder, got a file"):
+        k1607.sweep(run, DRAWN, store=tmp_path / "else" / "mine.txt")
 
 
 def test_results_too_large_for_memory_ask_for_a_store(run):

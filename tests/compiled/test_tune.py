@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import k1607_pin as k1607
 from k1607_pin.compiled.factors import Factors
+from k1607_pin.compiled.tune import _by_search
 from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.hybrid import HybridAdaptive, Mode, hybrid_gains
 from k1607_pin.control.joint_space import JointAdaptive, gains_from_mass, model_from_mass
@@ -105,6 +107,37 @@ def test_bounds_that_cannot_be_met_are_told(arm, law, q0, method):
     assert not found.met
     assert found.worst == pytest.approx(found.torque.max() / 1e-3)
     assert np.isfinite(found.worst)
+
+
+def test_a_search_begins_where_its_seed_says_and_a_gradient_ends_with_its_budget(arm, law, q0):
+    law = replace(law, practice=GRAVITY)
+    free, settings = dict.fromkeys(GAINS, (2.0, 5.0)), {"payloads": PICK_UP, "error_bound": 1e-4}
+    one, other = (k1607.tune(arm, law, q0, 0.1, free, method="search", budget=64, seed=k, **settings) for k in (1, 2))
+    assert one.factors != other.factors
+    few, more = (k1607.tune(arm, law, q0, 0.1, free, budget=k, **settings) for k in (1, 60))
+    assert few.rollouts < more.rollouts
+    for found in (one, few, more):
+        assert all(2 <= factor <= 5 for factor in found.factors.values())
+    assert more.worst <= few.worst
+
+
+def test_what_is_lost_later_counts_less():
+    class Lost:
+        duration = 1.0
+
+        def __call__(self, q0, v0, vary):
+            x = vary["controller.gains.K_p"][:, 0, 0]
+            lost = np.where(x < 1, 0.5 * (1 + x / x.max()), 0.1)  # the smaller the gain, the sooner
+            return xr.Dataset({"error_max": ("rollout", 0 * x), "failed_at": ("rollout", lost)})
+
+    class Factors:
+        lower, upper = np.array([-1.0]), np.array([0.5])
+
+        def values(self, z):
+            return {"controller.gains.K_p": np.exp(z)[:, :, None]}
+
+    z, _ = _by_search(Lost(), Factors(), {"error": np.ones(1)}, None, None, 400, 0)
+    assert -0.2 < z[0] < 0
 
 
 def test_from_gains_that_run_away_a_search_finds_others_and_the_gradient_refuses(arm, law, q0):

@@ -10,10 +10,11 @@ from typer.testing import CliRunner
 from k1607_pin import data
 from k1607_pin.cli import app
 from k1607_pin.report.candidates import Candidates, accepted, published_errors, worth
+from k1607_pin.report.cases import study_case
 from k1607_pin.report.cma import EvolutionStrategy
-from k1607_pin.report.determined import determined
+from k1607_pin.report.determined import AWAY, determined
 from k1607_pin.report.identification_figure import figure_identification
-from k1607_pin.report.identify import identify
+from k1607_pin.report.identify import Expedition, Search, _next, identify
 from k1607_pin.report.sensitivity import ratios
 from k1607_pin.report.starts import angles_of, line_s_end, rotation, start_of, starts, x_of_starts
 from k1607_pin.report.unknowns import LOWER, NAMES, UNKNOWNS, UPPER, from_steps, to_steps, values_of, with_values
@@ -181,6 +182,30 @@ def test_another_search_does_not_go_on_with_a_file(truth, tmp_path):
             identify(64, 0, other[0], out=tmp_path / "s.json", published=other[1], threads=1)
 
 
+def test_a_search_may_begin_anywhere(truth):
+    _, errors = truth
+    (_, first), (_, second) = (identify(1, 5, published=errors, threads=1) for _ in range(2))
+    assert first == second
+    assert first.best.of == -1
+    q = np.array(first.best.posture)
+    arm = study_case(1).plant.arm
+    assert (q >= np.maximum(arm.lower, -np.pi)).all()
+    assert (q <= np.minimum(arm.upper, np.pi)).all()
+    np.testing.assert_allclose(arm.forward_kinematics(q).translation[:2], [x_of_starts()[0], 0.0], atol=1e-6)
+
+
+def test_the_best_is_the_best_of_those_that_are_firm():
+    loose, firm, worse = (
+        Expedition(0, worth=x, firm=y, accepted=k) for x, y, k in ((0.1, False, 5), (0.2, True, 9), (0.3, True, 1))
+    )
+    search = Search(0, True, {}, {}, [worse, loose, firm])
+    assert search.best is firm
+    search.expeditions.pop()
+    assert search.best is worse
+    search.expeditions = [Expedition(0, rollouts=100, worth=0.1, accepted=2), Expedition(0, worth=0.2, accepted=9)]
+    assert _next(search, None, 100)[0] == 1  # where there is most room, not the best
+
+
 def test_how_far_each_may_go_contains_the_set_and_holds(committed):
     limits = committed["choices"]["joint_limits"]
     ranges = determined(committed, threads=1)
@@ -191,10 +216,22 @@ def test_how_far_each_may_go_contains_the_set_and_holds(committed):
         [np.where(np.arange(len(values)) == k, end[k], values) for end in ranges[:2] for k in range(len(values))]
     )
     assert accepted(Candidates(committed, threads=1)(ends), limits).all()
+    assert np.mean(ranges.upper > ranges.lower) > 0.7  # some have no room on the grid of steps
+    steps = {side: to_steps(end) for side, end in zip((-1, 1), ranges[:2], strict=True)}
+    here, beyond = to_steps(values), []
+    for side, end in steps.items():
+        for k in np.flatnonzero((end > to_steps(LOWER) + 1e-6) & (end < to_steps(UPPER) - 1e-6)):
+            away = abs(end[k] - here[k])
+            tried = AWAY[np.searchsorted(AWAY, away + 1e-6)] if away + 1e-6 < AWAY[-1] else None
+            if tried is not None and k != NAMES.index("duration"):
+                beyond.append(here + side * tried * np.eye(len(here))[k])
+    assert len(beyond) > 20
+    assert not accepted(Candidates(committed, threads=1)(from_steps(np.array(beyond))), limits).any()
+    assert 3 <= len(ranges.pairs) < 60
     for one, other, correlation in ranges.pairs:
         assert one in NAMES
         assert other in NAMES
-        assert 0.8 < abs(correlation) <= 1
+        assert 0.8 < abs(correlation) < 1
     figure = figure_identification(committed, ratios(committed), ranges)
     texts = [label.get_text() for axes in figure.axes for label in axes.get_yticklabels()]
     assert all(any(text.startswith(one.name) for text in texts) for one in UNKNOWNS)

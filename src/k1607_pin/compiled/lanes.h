@@ -1,6 +1,6 @@
 /* Arithmetic on W doubles side by side, in GCC's and clang's vector types: any width on any processor.
    Sine and cosine are fdlibm's polynomials after a reduction by pi/2 in three parts, exact for angles below 1e6 rad, NaN beyond;
-   v_exp, v_log and v_atan2 are good to 3 units of the last place, v_tanh to 9; v_exp is 0 below -708. What else libm has is called lane by lane. */
+   v_exp, v_log and v_atan2 are good to 3 units of the last place, v_tanh to 14; v_exp is 0 below -708. What else libm has is called lane by lane. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>

@@ -30,7 +30,8 @@ from k1607_pin.simulation.schedule import PayloadSchedule
 class Native:
     """Stands in for a controller, in `simulate` and in front of a robot. Not for many threads at once.
 
-    Functions of time are native where they trace; else they are asked in Python, at every update.
+    Functions of time are native where they trace; else they are asked in Python, at every update. Of the log it gives what the
+    controller's ``variables`` name.
 
     Raises
     ------

@@ -85,6 +85,8 @@ class InStore:
             raise ValueError("store: expected zarr to be installed: pip install 'k1607-pin[sweep]'") from None
         self._store = str(store)
         folder = None if "://" in self._store else Path(store)
+        if folder and folder.is_file():
+            raise ValueError(f"store: expected a folder, got a file, {store}")
         try:
             group = zarr.open_group(self._store, mode="r+", zarr_format=2, use_consolidated=False)
         except FileNotFoundError:
