@@ -300,6 +300,25 @@ def test_a_log_that_is_no_number_is_told(free, q0, name):
         k1607.rollout(free, Words(), q0, 0.1, metrics={}, log=(name,))
 
 
+class Picky(Law):
+    """Begins nowhere far from its start."""
+
+    def start(self, q, v, duration):
+        return self.initial(q, v)
+
+    def initial(self, q, v):
+        if isinstance(q, np.ndarray) and q[6] > 0.72:
+            raise ValueError("too far")
+        return 2 * q
+
+    def update(self, t, q, v, state):
+        return -state - 5 * v, state, {}
+
+
+def test_a_start_that_is_refused_at_a_state_that_is_made_up_is_no_obstacle(same):
+    same(Picky())
+
+
 @dataclass(frozen=True)
 class Noisy(Law):
     noise: Any

@@ -78,6 +78,8 @@ def test_hybrid_on_a_wall_that_changes_and_lets_go(arm, q0, agrees):
         arm, law, q0, 0.5, vary={"external.wall.friction": [0.0, 0.3, 0.6]}, log=("force",), **settings
     )
     assert len(np.unique(rubbed.force[:, -1, 1])) == 3
+    with pytest.raises(ValueError, match="friction: expected a number >= 0"):
+        k1607.rollout(arm, law, q0, 0.5, vary={"external.wall.friction": [0.3, -1.0]}, **settings)
 
 
 LAWS = {

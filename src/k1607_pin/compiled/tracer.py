@@ -159,12 +159,10 @@ def explained(name: str) -> Iterator[None]:
     except TracingError:
         raise
     except Exception as error:
-        frames = [
-            f for f in traceback.extract_tb(error.__traceback__) if not LIBRARIES.intersection(Path(f.filename).parts)
-        ]
-        frames = [
-            f for f in frames if PACKAGE not in Path(f.filename).parts
-        ] or frames  # one's own line, if there is one
+        places = [(f, set(Path(f.filename).parts)) for f in traceback.extract_tb(error.__traceback__)]
+        frames = [f for f, parts in places if not LIBRARIES & parts]
+        own = [f for f, parts in places if not (LIBRARIES | {PACKAGE}) & parts]
+        frames = own or frames
         where = f"{frames[-1].filename}:{frames[-1].lineno}: {frames[-1].line}" if frames else "its code"
         words = f"there is no {error} here" if isinstance(error, KeyError) else str(error)
         reason = words.strip().splitlines()[-1] if words else type(error).__name__
