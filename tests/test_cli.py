@@ -209,6 +209,8 @@ def test_sweep_as_json_with_a_store(tmp_path):
 def test_sweep_refuses_what_it_cannot_read():
     assert "name=lower:upper:count" in " ".join(k1607("sweep", "--vary", "plant.viscous=1:2").stderr.split())
     assert "at least one parameter" in " ".join(k1607("sweep").stderr.split())
+    twice = ("--vary", "plant.viscous=5:15:2", "--vary", "plant.viscous=1:2:2")
+    assert "each name once, got plant.viscous twice" in " ".join(k1607("sweep", *twice).stderr.split())
 
 
 def test_drift_as_json_with_log_and_figure(tmp_path):

@@ -376,7 +376,8 @@ def test_a_world_that_is_a_function(arm, law, q0, agrees, external, step):
     agrees(run, k1607.simulate(arm, law, q0, 0.3, **settings), LOGGED)
 
 
-def test_ctrl_c_is_heard_within_a_second_or_so(tmp_path):
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_is_heard_within_a_second_or_so(threads):
     """Of a call that would take minutes."""
     code = (
         "import numpy as np, k1607_pin as k1607\n"
@@ -386,7 +387,7 @@ def test_ctrl_c_is_heard_within_a_second_or_so(tmp_path):
         "run = k1607.rollouts(k1607.load_k1607(), Law(), 10.0, metrics={})\n"
         "run(np.zeros(7))\n"
         "print('begun', flush=True)\n"
-        "run(np.zeros((400_000, 7)), threads=1)\n"
+        f"run(np.zeros((400_000, 7)), threads={threads})\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "begun\n"
