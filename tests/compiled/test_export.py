@@ -1,5 +1,6 @@
 """Exported C: compiled as strictly as can be, run against what is known, and made to fail."""
 
+import copy
 import ctypes
 import re
 import shutil
@@ -7,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -25,7 +27,9 @@ from k1607_pin.compiled.program import program
 from k1607_pin.compiled.trace import trace
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.tracer import TracingError
+from k1607_pin.control.cartesian import CartesianAdaptive
 from k1607_pin.control.practice import OFF
+from k1607_pin.paths.report_paths import Line
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wmissing-prototypes"]
@@ -589,6 +593,61 @@ def test_what_is_there_already_is_replaced_only_if_it_is_of_the_same_export(refe
     assert (tmp_path / "k1607_joint.c").read_text() == "mine"
     with pytest.raises(ValueError, match="folder: expected a folder or none, got a file"):
         export(reference, tmp_path / "k1607_joint.c", functions=("jacobian",))
+
+
+def test_what_is_another_export_s_is_not_taken_away(reference, tmp_path):
+    law = {"left": law_of(reference, "joint", PERIOD)}
+    export(reference, tmp_path, law, (), prefix="arm_other")
+    (tmp_path / "CMakeLists.txt").unlink()  # another build system
+    mine = tmp_path / "arm_tests.c"
+    mine.write_text((tmp_path / "arm_other_selftest.c").read_text() + "/* mine */")
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    export(reference, tmp_path, functions=("jacobian",), prefix="arm")
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+
+
+@needs_cc
+def test_a_scheme_made_another_by_a_subclass_keeps_its_units_and_names_no_argument_as_code(reference, tmp_path):
+    class Mine(CartesianAdaptive):
+        @cached_property
+        def inertia(self):
+            return self.arm.mass_matrix(np.zeros(7))
+
+        def update(self, t, q, v, state):
+            tau, state, log = super().update(t, q, v, state)
+            return tau - 0.1 * self.inertia @ v, state, log
+
+    law = copy.copy(law_of(reference, "cartesian", PERIOD))
+    object.__setattr__(law, "__class__", Mine)
+    export(reference, tmp_path, {"law": law}, functions=(), prefix="arm")
+    header = (tmp_path / "arm.h").read_text()
+    assert "rate at which K_p adapts, (76)" in header
+    assert "m; wanted position of the tool's origin" in header
+    assert selftest(tmp_path).returncode == 0
+
+
+@needs_cc
+def test_of_one_s_own_law_what_is_asked_is_not_called_code(reference, tmp_path):
+    @dataclass(frozen=True)
+    class Own:
+        arm: k1607.Arm
+        path: Line
+        gain: float = 3.0
+        steps: int = 4
+
+        def initial(self, q, v):
+            return None
+
+        def update(self, t, q, v, state):
+            p = self.arm.forward_kinematics(q).translation
+            force = self.gain * (self.path(t).position - p) / self.steps
+            return self.arm.jacobian(q)[:3].T @ force - v, None, {}
+
+    law = Own(reference, Line(np.array([0.5, 0.0, 0.5])))
+    export(reference, tmp_path, {"law": law}, functions=(), prefix="arm")
+    header = (tmp_path / "arm.h").read_text()
+    assert "Part of the code: steps 4." in header
+    assert selftest(tmp_path).returncode == 0
 
 
 @pytest.mark.parametrize("period", [0.001, 0.004])

@@ -149,6 +149,39 @@ class OtherOrder(Law):
         return -v - state["a"] - more["y"], after, {}
 
 
+@dataclass(frozen=True)
+class InVain(Started):
+    unused: float = 1.0
+
+
+@dataclass(frozen=True)
+class WithAnArm(Law):
+    arm: k1607.Arm
+
+
+@dataclass(frozen=True)
+class DerivedOfNothing(Law):
+    bias: float = 0.0
+    push: float = field(init=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "push", self.bias)
+
+    def update(self, t, q, v, state):
+        return self.push + self.bias - v, state, {}
+
+
+def test_what_varies_in_vain_is_refused_and_zeros_are_no_exception(free, q0):
+    for law, name, x in (
+        (InVain(), "controller.unused", [1.0, 2.0]),
+        (WithAnArm(free), "controller.arm.gravity", np.ones((2, 3))),
+    ):
+        with pytest.raises(ValueError, match="numbers that the loop depends on"):
+            k1607.rollout(free, law, q0, 0.1, vary={name: x}, metrics={})
+    with pytest.raises(TracingError, match="derived anew"):
+        k1607.rollout(free, DerivedOfNothing(), q0, 0.1, vary={"controller.bias": [0.0, 5.0]}, metrics={})
+
+
 def test_a_state_in_another_order_is_the_same_state(free, q0, same):
     same(OtherOrder())
     native = k1607.simulate(free, Native(OtherOrder(), free), q0, 0.1)
@@ -163,7 +196,10 @@ class WritesIntoWhatItMeasures(Law):
     def update(self, t, q, v, state):
         q -= 1.0
         v *= -20
-        return -q + v, state, {}
+        tau = -q + v
+        q[3] = 0.0
+        v[2] = q[1]
+        return tau, state, {}
 
 
 def test_what_a_law_writes_into_its_arguments_moves_no_arm(free, q0):
@@ -174,6 +210,10 @@ def test_what_a_law_writes_into_its_arguments_moves_no_arm(free, q0):
     found, wanted = (k1607.simulate(free, law, q0, 0.1) for law in (WritesIntoWhatItMeasures(), Clean()))
     np.testing.assert_array_equal(found.q, wanted.q)
     np.testing.assert_array_equal(found.q[0], q0)
+    rolled = k1607.rollout(free, WritesIntoWhatItMeasures(), q0, 0.1, log=("q",), metrics={})
+    np.testing.assert_allclose(rolled.q[0], wanted.q, atol=1e-12)
+    native = k1607.simulate(free, Native(WritesIntoWhatItMeasures(), free), q0, 0.1)
+    np.testing.assert_allclose(native.q, wanted.q, atol=1e-12)
 
 
 class Fast(Law):
@@ -360,9 +400,9 @@ def test_an_infinite_torque_is_no_limit_where_the_limit_varies(free, q0):
     ("settings", "words"),
     [
         ({"varied": ("plant.viscous", "plant.viscous")}, "each name once, got plant.viscous twice"),
-        ({"signals": {"work": lambda log: log["t"]}}, "none of a result's, got 'work'"),
+        ({"signals": {"work": lambda log: log["t"]}, "log": "work"}, "none of a result's, got 'work'"),
         (
-            {"signals": {"tau_max": lambda log: log["t"]}, "metrics": {"tau": "max"}},
+            {"signals": {"tau_max": lambda log: log["t"]}, "metrics": {"tau": "max"}, "log": ("tau_max",)},
             "none of a result's, got 'tau_max'",
         ),
         ({"varied": ("payloads.0.time",), "payloads": [(0.1, k1607.Payload(1.0))]}, "no period and no time"),

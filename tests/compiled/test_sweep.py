@@ -265,6 +265,9 @@ def test_an_empty_folder_will_do_for_a_store(run, expected, tmp_path):
     (tmp_path / "s").mkdir()
     same(k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s"), expected)
     assert [f.name for f in tmp_path.iterdir()] == ["s"]
+    (tmp_path / "scratch").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "scratch")
+    same(k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "link"), expected)
 
 
 def test_memory_is_bounded_with_a_store(run, tmp_path):

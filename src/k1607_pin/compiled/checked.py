@@ -6,6 +6,7 @@ something else.
 
 import contextlib
 import copy
+import functools
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -50,20 +51,22 @@ def require_same(setup: Setup, loop: ClosedLoop, initial_state: Any = None) -> N
 
 
 def _moved(setup: Setup, loop: ClosedLoop) -> Setup:
-    """With the numbers that may vary a tenth larger, as far as their owners allow it."""
+    """With the numbers that may vary a tenth larger, and those that are zero a tenth, as far as their owners allow it."""
     seeds = {name for name, _ in loop.law_tables.noise}
     for name in loop.parameters:
         root, _, rest = name.partition(".")
         if root in ROOTS and name not in seeds and not is_of_arm(name):
             x = numbers(getattr(setup, root))[rest]
-            with contextlib.suppress(Exception):  # a rotation, say, would be none
-                changed = replaced(getattr(setup, root), {rest: LARGER * x if x.ndim else float(LARGER * x)})
-                setup = replace(setup, **{root: changed})
+            for moved in (np.where(x == 0, TENTH, (1 + TENTH) * x), (1 + TENTH) * x):
+                with contextlib.suppress(Exception):  # a rotation, say, would be none
+                    changed = replaced(getattr(setup, root), {rest: moved if x.ndim else float(moved)})
+                    setup = replace(setup, **{root: changed})
+                    break
     return setup
 
 
 ROOTS = ("plant", "controller", "external")
-LARGER = 1.1
+TENTH = 0.1
 
 
 def _require_same(setup: Setup, loop: ClosedLoop, initial_state: Any) -> None:
@@ -237,9 +240,10 @@ def require_built(after: Sequence[str], first: Sequence[str]) -> None:
 
 
 def attributes(controller: Any) -> dict[str, Any]:
-    """Its plain ones: numbers, arrays, words."""
-    there = getattr(controller, "__dict__", {})
-    return {name: copy.copy(x) for name, x in there.items() if is_number(x) or isinstance(x, bool | str)}
+    """Its plain ones: numbers, arrays, words; not what it computes when it is first asked, of itself alone."""
+    there, cached = getattr(controller, "__dict__", {}), functools.cached_property
+    own = {name: x for name, x in there.items() if not isinstance(getattr(type(controller), name, None), cached)}
+    return {name: copy.copy(x) for name, x in own.items() if is_number(x) or isinstance(x, bool | str)}
 
 
 def require_unchanged(controller: Any, before: Mapping[str, Any]) -> None:

@@ -138,7 +138,7 @@ def rollouts(
         metrics = {name: kinds for name, kinds in DEFAULT_METRICS.items() if name in variables_of(controller)}
     metrics = {name: (kinds,) if isinstance(kinds, str) else tuple(kinds) for name, kinds in metrics.items()}
     results = {f"{name}_{kind}" for name, kinds in metrics.items() for kind in kinds} | RESULTS
-    if wrong := [name for name in signals or () if "/" in name or name in results]:
+    if wrong := [x for x in signals or () if "/" in x or x in ("rollout", "time") or (x in log and x in results)]:
         raise ValueError(f"signals: expected names without /, and none of a result's, got {wrong[0]!r}")
     if double := {name for name in varied if list(varied).count(name) > 1}:
         raise ValueError(f"vary: expected each name once, got {', '.join(sorted(double))} twice")
@@ -196,7 +196,7 @@ class Rollouts:
         self._state = None
         if not hasattr(controller, "initial"):
             still = np.zeros(self.setup.plant.arm.n)
-            self._state = controller.start(still, still, self.duration)
+            self._state = controller.start(still, still.copy(), self.duration)
         self.loop = kept(self.setup, self.varied, self.metrics, self.logged, self._state)
         for name, noise in self.loop.law_tables.noise:
             if noise.period != self.period:
@@ -352,12 +352,12 @@ class Rollouts:
         """(count, size): what the controller starts from, asked for one by one where it may differ."""
         mine = [name for name in self.varied if name.startswith("controller.") and not is_of_arm(name)]
         if not mine and len(values["q0"]) == len(values["v0"]) == 1:
-            state = self.setup.controller.start(values["q0"][0], values["v0"][0], self.duration)
+            state = self.setup.controller.start(values["q0"][0].copy(), values["v0"][0].copy(), self.duration)
             return np.broadcast_to(np.array(self.loop.state.flat(state), dtype=float), (count, self.loop.state.size))
         out = np.empty((count, self.loop.state.size))
         for i in range(count):
             own = {name.partition(".")[2]: values[name][i % len(values[name])] for name in mine}
             controller = replaced(self.setup.controller, {k: x if x.ndim else float(x) for k, x in own.items()})
             q, v = (values[name][i % len(values[name])] for name in ("q0", "v0"))
-            out[i] = self.loop.state.flat(controller.start(q, v, self.duration))
+            out[i] = self.loop.state.flat(controller.start(q.copy(), v.copy(), self.duration))
         return out

@@ -92,7 +92,7 @@ class InStore:
         except FileNotFoundError:
             if folder and folder.exists() and any(folder.iterdir()):
                 raise ValueError(f"store: expected a new folder or the store of a sweep, got {store}") from None
-            if folder:
+            if folder and not folder.exists():
                 folder.parent.mkdir(parents=True, exist_ok=True)
                 for left in folder.parent.glob(f".{folder.name}.*{MAKING}"):  # by a process killed meanwhile
                     if time.time() - left.stat().st_mtime > ABANDONED:

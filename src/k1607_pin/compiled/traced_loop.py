@@ -10,8 +10,8 @@ import numpy as np
 
 from k1607_pin.arm.payload import velocity_after_gripping_of
 from k1607_pin.arm.wrench import wrench_torque
-from k1607_pin.compiled.closed_loop import INPUTS, REDUCERS, ClosedLoop, Setup, shape_of
-from k1607_pin.compiled.leaves import Layout, apart, substituted
+from k1607_pin.compiled.closed_loop import INPUTS, REDUCERS, ClosedLoop, Setup, is_of_arm, shape_of
+from k1607_pin.compiled.leaves import Layout, apart, numbers, replaced, substituted
 from k1607_pin.compiled.order import in_order
 from k1607_pin.compiled.program import Program, hoisted, program
 from k1607_pin.compiled.trace import numpy_mode
@@ -78,7 +78,7 @@ class _Tracing:
 
         given = not hasattr(setup.controller, "initial")
         with explained("controller.initial"):
-            state_0 = initial_state if given else controller.initial(self.q, self.v)
+            state_0 = initial_state if given else controller.initial(np.copy(self.q), np.copy(self.v))
         self.state = Layout(initial_state if given else setup.controller.initial(np.zeros(self.n), np.zeros(self.n)))
         functions: dict[str, tuple[list[Any], Any, Any]] = {}  # outputs, shared symbols, further input
         state = symbol_array("state", (self.state.size,))
@@ -119,13 +119,26 @@ class _Tracing:
         first = 0
         for name, shape in self.shapes.items():
             last = first + int(np.prod(shape))
-            asked = given and name.startswith("controller.")  # of its ``start``: what it gives may depend on it
+            asked = given and name.startswith("controller.") and self.acts_at_start(name)
             if name not in seeds and not asked and not used.intersection(range(first, last)):
                 raise ValueError(
                     f"vary: expected numbers that the loop depends on, got {name!r}; what only a function of time depends on, a "
                     "table that all rollouts share, cannot differ"
                 )
             first = last
+
+    def acts_at_start(self, name: str) -> bool:
+        """Whether what the controller's ``start`` gives depends on a number of its own, as far as can be told."""
+        controller, rest = self.setup.controller, name.partition(".")[2]
+        if is_of_arm(name) or not self.state.size:
+            return False
+        x, q, v = numbers(controller)[rest], SOMEWHERE * np.arange(1.0, self.n + 1), np.zeros(self.n)
+        try:
+            moved = replaced(controller, {rest: 1.1 * x + 0.1 if x.ndim else float(1.1 * x + 0.1)})
+            one, other = (self.state.flat(each.start(q.copy(), v.copy(), 1.0)) for each in (controller, moved))
+        except Exception:  # it refuses the number, or where it would start
+            return True
+        return bool(one != other)
 
     def law(
         self,
@@ -137,7 +150,9 @@ class _Tracing:
         logged: Sequence[str],
     ) -> Any:
         with explained("controller.update"):
-            asked, after, log = controller.update(tracer.time[0], self.q, self.v, self.state.rebuilt(state))
+            asked, after, log = controller.update(
+                tracer.time[0], np.copy(self.q), np.copy(self.v), self.state.rebuilt(state)
+            )
             asked = np.stack(asked) if isinstance(asked, list | tuple) else asked
         if (count := len(_entries(asked))) != self.n:
             raise TracingError(f"controller.update: expected a torque of shape ({self.n},), got {count} numbers")

@@ -252,7 +252,7 @@ def _step(
 
 def grid(duration: float, control_period: float, physics_step: float) -> tuple[int, int]:
     for name, value in (("duration", duration), ("control_period", control_period), ("physics_step", physics_step)):
-        if not isinstance(value, Real) or not 0 < value < np.inf:
+        if not isinstance(value, Real | np.ndarray) or not 0 < value < np.inf:
             raise ValueError(f"{name}: expected a positive time in s, got {value!r}")
     samples, substeps = round(duration / control_period), round(control_period / physics_step)
     if samples < 1 or abs(samples * control_period - duration) > 1e-9 * duration:

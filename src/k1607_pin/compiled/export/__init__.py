@@ -95,7 +95,7 @@ def export(
         raise ValueError(f"functions, controllers: expected each name once, got {', '.join(sorted(double))} twice")
     about = [
         f"{arm.name}: {described_arm(arm)}",
-        f"{WRITTEN} {version('k1607-pin')} with CasADi {version('casadi')}. Not to be edited: write it anew.",
+        f"{WRITTEN} {version('k1607-pin')} with CasADi {version('casadi')}.",
         "",
         *joints_of(arm),
     ]
@@ -107,7 +107,7 @@ def export(
         f"{prefix}_selftest.c": selftest(prefix, made, laws),
         "CMakeLists.txt": CMAKE.format(prefix=prefix, sources=" ".join(sources)),
     }
-    texts = {name: text if name.endswith(".h") else f"{_mark(name)}\n{text}" for name, text in texts.items()}
+    texts = {name: f"{_mark(prefix, name)}\n{text}" for name, text in texts.items()}
     _clear(Path(folder), prefix, texts)
     return [write_atomically(Path(folder) / name, text) for name, text in texts.items()]
 
@@ -115,8 +115,9 @@ def export(
 WRITTEN = "Written by k1607-pin"
 
 
-def _mark(name: str) -> str:
-    return f"# {WRITTEN}." if name == "CMakeLists.txt" else f"/* {WRITTEN}. Not to be edited: write it anew. */"
+def _mark(prefix: str, name: str) -> str:
+    told = f"{WRITTEN}: {name} of {prefix}."
+    return f"# {told}" if name == "CMakeLists.txt" else f"/* {told} Not to be edited: write it anew. */"
 
 
 def _clear(folder: Path, prefix: str, texts: Mapping[str, str]) -> None:
@@ -124,12 +125,10 @@ def _clear(folder: Path, prefix: str, texts: Mapping[str, str]) -> None:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder: expected a folder or none, got a file, {folder}")
     for name in texts:
-        if (file := folder / name).exists():
-            there = file.read_text(errors="replace")
-            if WRITTEN not in there or (name == "CMakeLists.txt" and f"project({prefix} C)" not in there):
-                raise ValueError(f"folder: expected none, or one with an export of {prefix!r}, got another's {file}")
+        if (file := folder / name).exists() and not file.read_text(errors="replace").startswith(_mark(prefix, name)):
+            raise ValueError(f"folder: expected none, or one with an export of {prefix!r}, got another's {file}")
     for file in folder.glob(f"{prefix}_*.c"):
-        if file.name not in texts and WRITTEN in file.read_text(errors="replace"):
+        if file.name not in texts and file.read_text(errors="replace").startswith(_mark(prefix, file.name)):
             file.unlink()
 
 

@@ -62,7 +62,7 @@ def law_cases(
         else:
             t, size = float(rng.uniform(0.1, 2.0)), FAR
             q, v = clear_posture(arm, rng), 0.3 * rng.normal(size=arm.n)
-        state = law.initial(q, v)
+        state = law.initial(q.copy(), v.copy())
         built, before = paths(state), attributes(law)
         starts.append(Case(_flat(_Moment(law, 0.0, q, v, state), start), _numbers(traced.layout.flat(state))))
         for _ in range(TICKS):
@@ -105,7 +105,7 @@ def _follower(law: Any, t: float, q: np.ndarray) -> np.ndarray:
     """(n,) with as little of the error that the law logs as Newton's method gets to: where no limit of the law is reached."""
     still = np.zeros(len(q))
     for _ in range(30):
-        log = law.update(t, q.copy(), still.copy(), law.initial(q, still))[2]
+        log = law.update(t, q.copy(), still.copy(), law.initial(q.copy(), still.copy()))[2]
         error = log.get("joint_error", log.get("error"))
         if np.shape(error) != (q.shape if "joint_error" in log else (6,)) or not hasattr(law, "arm"):
             break  # a law of one's own, whose error is another

@@ -104,8 +104,8 @@ def exported_law(arm: Arm, name: str, controller: Any) -> Law:
 
 def _about(arm: Arm, controller: Any, step: Sequence[Leaf]) -> tuple[str, ...]:
     """What of the controller is part of the code, its own model of the arm included where that is another."""
-    parameters = [leaf.path for leaf in step if leaf.role == "parameters"]
-    lines = options(controller, parameters)
+    arguments = [leaf.source or leaf.path for leaf in step if leaf.role in OPTIONAL]
+    lines = options(controller, arguments)
     model = getattr(controller, "arm", None)
     if isinstance(model, Arm) and model.model != arm.model:
         lines += (f"Its model of the arm is its own: {described_arm(model)}",)

@@ -57,10 +57,11 @@ class TracedLaw:
         self.layout = Layout(sample)
         state = symbol_array("state", (self.layout.size,)) if self.layout.size else None
         with explained("controller.initial"):
-            self.initial = self.layout.flat(law.initial(q, v))
+            self.initial = self.layout.flat(law.initial(np.copy(q), np.copy(v)))
         tracer.at_start = False
         with explained("controller.update"):
-            tau, after, log = law.update(tracer.time[0], q, v, sample if state is None else self.layout.rebuilt(state))
+            state_now = sample if state is None else self.layout.rebuilt(state)
+            tau, after, log = law.update(tracer.time[0], np.copy(q), np.copy(v), state_now)
         if (count := len(Layout(None).flat(tau))) != n:
             raise TracingError(f"controller.update: expected a torque of shape ({n},), got {count} numbers")
         self.tau, self.after = Layout(None).flat(tau), self.layout.flat(after)

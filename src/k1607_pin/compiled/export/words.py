@@ -86,12 +86,17 @@ def title(controller: Any) -> str:
     return TITLES.get(kind) or ((type(controller).__doc__ or "").strip() or kind).splitlines()[0]
 
 
-def options(controller: Any, parameters: Sequence[str]) -> tuple[str, ...]:
-    """What of it is code: those of its practices that are not off, a line each; of one's own, what is no parameter."""
+def options(controller: Any, arguments: Sequence[str]) -> tuple[str, ...]:
+    """What of it is code: those of its practices that are not off, a line each; of one's own, what is no argument.
+
+    Parameters
+    ----------
+    arguments : dotted names of what is, with all that is below them.
+    """
     lines = []
     if not is_ours(controller):
         plain = attributes(controller) | numbers(controller)
-        fixed = [f"{name} {_short(x)}" for name, x in plain.items() if name not in parameters]
+        fixed = [f"{name} {_short(x)}" for name, x in plain.items() if not _below(name, arguments)]
         lines += [f"Part of the code: {', '.join(fixed)}."] if fixed else []
     for where, practice in vars(controller).items():
         if not isinstance(practice, Practice):
@@ -136,6 +141,10 @@ def name_in_c(name: str, role: str) -> str:
     return name if good else f"{role}_{name}".rstrip("_")
 
 
+def _below(name: str, arguments: Sequence[str]) -> bool:
+    return any(name == one or name.startswith(f"{one}.") for one in arguments)
+
+
 def _short(x: Any) -> str:
     return np.array2string(np.asarray(x), threshold=12, edgeitems=2, separator=", ").replace("\n", "")
 
@@ -166,8 +175,8 @@ def joints_of(arm: Arm) -> list[str]:
 
 
 def is_ours(controller: Any) -> bool:
-    """Whether its class is this package's, so that it is known what its numbers are."""
-    return type(controller).__module__.partition(".")[0] == __name__.partition(".")[0]
+    """Whether its class is this package's, or made from one, so that it is known what its numbers are."""
+    return any(kind.__module__.partition(".")[0] == __name__.partition(".")[0] for kind in type(controller).__mro__)
 
 
 def described(role: str, name: str, shape: tuple[int, ...], controller: Any, key: str = "") -> Field:
