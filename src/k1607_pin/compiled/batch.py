@@ -83,7 +83,7 @@ class Batch:
             if not np.allclose(traced, wanted, rtol=0, atol=AGREE * scale, equal_nan=True):
                 raise TracingError(
                     f"{getattr(fun, '__name__', 'fun')}: traced it gives {traced} where on numbers it gives {wanted}: a Python "
-                    "condition or float() on a number, or something random, does not trace"
+                    "condition, or something random, does not trace"
                 )
 
     def empty(self, count: int) -> np.ndarray:

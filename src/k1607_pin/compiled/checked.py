@@ -1,7 +1,7 @@
 """A traced closed loop held against controller, plant and world on numbers: what a trace cannot see is found by what it does.
 
-A Python condition on float(x), a counter in the controller, a random number, a state of words: all of these trace, and into
-something else.
+A counter in the controller, a random number, a state of words, an error that is caught: all of these trace, and into something
+else.
 """
 
 import contextlib
@@ -154,7 +154,7 @@ def _require_close(what: str, times: np.ndarray, traced: np.ndarray, wanted: np.
         k, i = np.argwhere(~same)[0]
         raise TracingError(
             f"{what}: traced it gives {traced[k, i]:.6g} where on numbers it gives {wanted[k, i]:.6g}, at t = {times[k]:g} s. "
-            "A Python condition, float(), something random or remembered, or a state that is no number does not trace"
+            "A Python condition, something random or remembered, or a state that is no number does not trace"
         )
 
 

@@ -24,7 +24,7 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import cache_folder
 from k1607_pin.compiled.checked import require_same
 from k1607_pin.compiled.closed_loop import ClosedLoop, Setup
-from k1607_pin.compiled.leaves import Layout
+from k1607_pin.compiled.leaves import Layout, is_ours
 from k1607_pin.compiled.program import Node, Program
 from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.traced_loop import traced
@@ -145,7 +145,7 @@ def _describe(x: Any, tell: Callable[[bytes], Any]) -> None:
 
 
 def _ours(x: Any) -> bool:
-    return type(x).__module__.partition(".")[0] == PACKAGE and "<locals>" not in type(x).__qualname__
+    return is_ours(type(x)) and "<locals>" not in type(x).__qualname__
 
 
 # How it is written

@@ -52,17 +52,17 @@ def numbers(x: Any, prefix: str = "") -> dict[str, np.ndarray]:
 
 def lasts(x: Any) -> bool:
     """Whether x cannot become another thing but by changing its `numbers`: what was made from it may be kept."""
-    if type(x) is tuple or (isinstance(x, tuple) and _ours(type(x))):
+    if type(x) is tuple or (isinstance(x, tuple) and is_ours(type(x))):
         return all(map(lasts, x))
-    if is_dataclass(x) and _ours(type(x)):
+    if is_dataclass(x) and is_ours(type(x)):
         frozen: bool = getattr(type(x), "__dataclass_params__").frozen  # noqa: B009  not known to the type checker
         return frozen and all(lasts(child) for _, child in children(x))
     if isinstance(x, FunctionType):
-        return _ours(x)
+        return is_ours(x)
     return x is None or is_number(x) or isinstance(x, Arm | bool | str)
 
 
-def _ours(made: Any) -> bool:
+def is_ours(made: Any) -> bool:
     """Whether a class or function is this package's: one's own may read what changes, a variable around it, a global one."""
     return str(made.__module__).partition(".")[0] == __name__.partition(".")[0]
 
@@ -199,21 +199,27 @@ class Layout:
         return rebuild(self._sample)
 
 
-def paths(x: Any, path: str = "") -> list[str]:
-    """Dotted names of all numbers of a nest, with their shapes where they are arrays, in the order of `Layout`."""
+def named_numbers(x: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted names and the numbers and arrays themselves of a nest, in the order of `Layout`."""
     if is_number(x):
-        return [f"{path or 'it'}{list(np.shape(x)) or ''}"]
+        yield path, x
+        return
+    items: Any = ()
     if is_named_tuple(x):
-        items: Any = zip(x._fields, x, strict=True)
+        items = zip(x._fields, x, strict=True)
     elif isinstance(x, tuple | list):
         items = enumerate(x)
     elif isinstance(x, Mapping):
         items = x.items()
     elif is_dataclass(x) and not isinstance(x, type):
         items = vars(x).items()
-    else:
-        return []
-    return [name for key, item in items for name in paths(item, f"{path}.{key}" if path else str(key))]
+    for name, item in items:
+        yield from named_numbers(item, f"{path}.{name}" if path else str(name))
+
+
+def paths(x: Any) -> list[str]:
+    """Dotted names of all numbers of a nest, with their shapes where they are arrays."""
+    return [f"{name or 'it'}{list(np.shape(number)) or ''}" for name, number in named_numbers(x)]
 
 
 def apart(x: Any) -> Any:

@@ -136,7 +136,7 @@ def _column(x: Any) -> Any:
 
 
 def without_nan(name: str, p: Program) -> Program:
-    """The program, unless a NaN stands in it: what becomes of float(x) for a traced x.
+    """The program, unless a NaN stands in it.
 
     Raises
     ------
@@ -145,8 +145,7 @@ def without_nan(name: str, p: Program) -> Program:
     """
     if any(node.op == "const" and node.value != node.value for node in p.nodes):
         raise TracingError(
-            f"{name}: a traced number has been turned into a Python float, by float() or the math module say, and became NaN; "
-            "use NumPy's functions on arrays"
+            f"{name}: expected numbers, got a NaN among its constants: np.nan itself, 0 / 0, or the root of a negative number"
         )
     return p
 

@@ -137,17 +137,7 @@ C_HEADERS = (
     "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "tgmath", "time", "wchar", "wctype",
     "features", "strings", "alloca", "endian", "memory", "malloc", "unistd", "pthread", "sched",
 )  # fmt: skip
-TARGETS = (
-    "all",
-    "clean",
-    "help",
-    "install",
-    "package",
-    "test",
-    "edit_cache",
-    "rebuild_cache",
-    "list_install_components",
-)
+TARGETS = ("all", "clean", "help", "install", "package", "test", "edit_cache", "rebuild_cache")
 
 
 def _require_name(argument: str, name: str) -> None:

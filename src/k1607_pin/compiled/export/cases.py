@@ -11,8 +11,8 @@ from k1607_pin.arm.ready import ready_postures
 from k1607_pin.compiled.checked import attributes, require_built, require_unchanged
 from k1607_pin.compiled.export.arm import CASES, clear_posture
 from k1607_pin.compiled.export.function import Case
-from k1607_pin.compiled.export.trace import Leaf, TracedLaw, named_numbers
-from k1607_pin.compiled.leaves import apart, numbers, paths, replaced
+from k1607_pin.compiled.export.trace import Leaf, TracedLaw
+from k1607_pin.compiled.leaves import apart, named_numbers, numbers, paths, replaced
 from k1607_pin.compiled.tracer import TracingError
 
 TICKS = 3  # before the one that is kept: the state is then one that the law comes to

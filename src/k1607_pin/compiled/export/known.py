@@ -18,8 +18,9 @@ CLOSE, FARTHEST = 1e-11, 1e-9
 """Tolerance where rounding is not larger; and what no rounding excuses"""
 ROUNDINGS = 100.0
 """So many times the change that the last place of the arguments makes"""
-SHARE = 1e-3
-"""An entry is measured by its largest number, or by this of the largest of all entries, of which it may be a difference"""
+SHARE, NOTHING = 1e-3, 1e-9
+"""An entry is measured by its largest number, or by this of the largest of all entries, of which it may be a difference; and
+what is nothing but rounding"""
 
 
 def completed(f: Function) -> Function:
@@ -104,7 +105,7 @@ def _telling(met: np.ndarray, count: int) -> np.ndarray:
 def scale_of(known: np.ndarray) -> np.ndarray:
     """(entries,) by which a difference is measured, of (cases, entries) numbers; what is nothing but rounding has no scale."""
     largest = np.abs(known).max(axis=0)
-    if not largest.size or largest.max() <= 1e-9:
+    if not largest.size or largest.max() <= NOTHING:
         return np.ones(largest.size)
     return np.maximum(largest, SHARE * largest.max())
 

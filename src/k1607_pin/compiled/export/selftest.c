@@ -3,7 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SHARE 1e-3 /* an entry is measured by its largest number, or by this of the largest of all entries */
+/* SHARE: an entry is measured by its largest number, or by this of the largest of all entries; NOTHING: what is no more is but
+   rounding, and has no scale */
 
 typedef struct {
   const char *name;
@@ -36,8 +37,7 @@ static double difference(const Function *f, int first, const Result *r)
   double largest = 0.0, most = 0.0;
   for (int i = 0; i < r->size; i++) largest = fmax(largest, scale(f, first + i));
   for (int i = 0; i < r->size; i++) {
-    /* what is nothing but rounding has no scale */
-    const double size = largest > 1e-9 ? fmax(scale(f, first + i), SHARE * largest) : 1.0;
+    const double size = largest > NOTHING ? fmax(scale(f, first + i), SHARE * largest) : 1.0;
     for (int k = 0; k < f->cases; k++) {
       const double off = fabs(buffer_all[k * f->outputs + first + i] - f->expected[k * f->outputs + first + i]) / size;
       if (!(off <= most)) most = off; /* NaN too, for good: nothing is less */

@@ -8,6 +8,7 @@ import numpy as np
 from k1607_pin.compiled.emit import literal
 from k1607_pin.compiled.export.c import kind, wrapped
 from k1607_pin.compiled.export.function import Argument, Function, Struct, fields, size
+from k1607_pin.compiled.export.known import NOTHING, SHARE
 from k1607_pin.compiled.export.law import Law
 
 OTHER = """\
@@ -30,7 +31,8 @@ def selftest(prefix: str, functions: Sequence[Function], laws: Sequence[Law]) ->
     most = max(max(size(f.inputs), size(f.outputs)) for _, f in everything)
     parts = [
         f'#include "{prefix}.h"\n',
-        f"#define MOST {most}\n#define MOST_IN_ALL {max(len(f.cases) * size(f.outputs) for _, f in everything)}\n",
+        f"#define MOST {most}\n#define MOST_IN_ALL {max(len(f.cases) * size(f.outputs) for _, f in everything)}\n"
+        f"#define SHARE {literal(SHARE)}\n#define NOTHING {literal(NOTHING)}\n",
         (files("k1607_pin.compiled.export") / "selftest.c").read_text(),
     ]
     parts += [_case(prefix, law, f) for law, f in everything]

@@ -1,6 +1,6 @@
 """A controller on symbols: what it takes, what it gives, and what of that is an argument of the exported code."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, NamedTuple
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.export.words import output_names
-from k1607_pin.compiled.leaves import Layout, is_named_tuple, is_number, numbers
+from k1607_pin.compiled.leaves import Layout, named_numbers, numbers
 from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.trace import numpy_mode
-from k1607_pin.compiled.tracer import OfTime, Tracer, TracingError, explained, symbol_array
+from k1607_pin.compiled.tracer import OfTime, Tracer, TracingError, explained, symbol_array, without_nan
 from k1607_pin.control.adaptation import Gains
 
 ROOT = "controller"
@@ -89,10 +89,8 @@ class TracedLaw:
         """What gives the outputs, its inputs the leaves in this order."""
         with numpy_mode():
             columns = [ca.densify(ca.vertcat(*map(column, output))) for output in outputs]
-        made = program(ca.Function("f", [leaf.symbols for leaf in order], columns, {"cse": True}))
-        if any(node.op == "const" and node.value != node.value for node in made.nodes):
-            raise TracingError("controller: a traced number became NaN: use NumPy's functions on arrays, not float()")
-        return made
+        made = ca.Function("f", [leaf.symbols for leaf in order], columns, {"cse": True})
+        return without_nan("controller", program(made))
 
 
 class _Inputs(Tracer):
@@ -162,24 +160,6 @@ def _split(sample: Any, role: str, source: str, symbols: Any) -> list[Leaf]:
             found.append(Leaf(role, name, column(symbols)[first : first + size], np.shape(x), source))
         first += size
     return found
-
-
-def named_numbers(x: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Dotted names and the numbers and arrays themselves, in the order of `Layout`."""
-    if is_number(x):
-        yield path, x
-        return
-    items: Any = ()
-    if is_named_tuple(x):
-        items = zip(x._fields, x, strict=True)
-    elif isinstance(x, tuple | list):
-        items = ((str(k), item) for k, item in enumerate(x))
-    elif isinstance(x, Mapping):
-        items = x.items()
-    elif is_dataclass(x) and not isinstance(x, type):
-        items = vars(x).items()
-    for name, item in items:
-        yield from named_numbers(item, f"{path}.{name}" if path else str(name))
 
 
 def _within(name: str) -> str:

@@ -11,7 +11,7 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.checked import attributes
 from k1607_pin.compiled.emit import LIBM
 from k1607_pin.compiled.export.function import Field
-from k1607_pin.compiled.leaves import numbers
+from k1607_pin.compiled.leaves import is_ours, numbers
 from k1607_pin.control.practice import OFF, Practice
 
 Variables = Mapping[str, tuple[tuple[str, ...], str]]
@@ -94,7 +94,7 @@ def options(controller: Any, arguments: Sequence[str]) -> tuple[str, ...]:
     arguments : dotted names of what is, with all that is below them.
     """
     lines = []
-    if not is_ours(controller):
+    if not _is_known(controller):
         plain = attributes(controller) | numbers(controller)
         fixed = [f"{name} {_short(x)}" for name, x in plain.items() if not _below(name, arguments)]
         lines += [f"Part of the code: {', '.join(fixed)}."] if fixed else []
@@ -174,15 +174,15 @@ def joints_of(arm: Arm) -> list[str]:
     return [*lines, f"At q = 0 the tool is at ({at_zero}) m in the base."]
 
 
-def is_ours(controller: Any) -> bool:
+def _is_known(controller: Any) -> bool:
     """Whether its class is this package's, or made from one, so that it is known what its numbers are."""
-    return any(kind.__module__.partition(".")[0] == __name__.partition(".")[0] for kind in type(controller).__mro__)
+    return any(map(is_ours, type(controller).__mro__))
 
 
 def described(role: str, name: str, shape: tuple[int, ...], controller: Any, key: str = "") -> Field:
     """The field with its unit and meaning, as far as they are known; ``key``: the controller's name for what is logged."""
     variables: Variables = getattr(controller, "variables", {})
-    if not is_ours(controller):
+    if not _is_known(controller):
         unit, says = KNOWN["t"] if (role, name) == ("reference", "t") else (variables.get(key or name, ((), ""))[1], "")
         return Field(name, shape, unit or "as the controller has it", says)
     unit, says = KNOWN.get(name) or KNOWN.get(name[-len("K_p") :], ("", ""))  # the gains of a loop
