@@ -755,3 +755,11 @@ def array(x):
 
 def close(found, expected):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.01])
+@pytest.mark.parametrize("name", ["k1607", "panda", "ur5", "xarm7"])
+def test_the_hybrid_law_that_is_exported_holds_in_its_own_period(name, period):
+    """It looks at its sampled loop when it starts, (H12)."""
+    arm = k1607.load_k1607() if name == "k1607" else k1607.load_example(name)
+    law_of(arm, "hybrid", period).start(ready_postures(arm)[0], np.zeros(arm.n), 0.5)

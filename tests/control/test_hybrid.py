@@ -321,7 +321,7 @@ def test_the_integral_is_stable_up_to_its_bound_on_any_contact(softer):
 
 def controller(arm, **changes):
     tool = arm.forward_kinematics(np.full(arm.n, 0.5))
-    gains, force_gains = hybrid_gains(arm, np.full(arm.n, 0.5), 1e4, 20.0, 90.0)
+    gains, force_gains = hybrid_gains(arm, np.full(arm.n, 0.5), 1e4, 5.0, 20.0)
     arguments = {
         "arm": arm,
         "path": Line(tool.translation),
@@ -380,7 +380,14 @@ def test_modes_hold_from_their_times_on(reference):
         ({"beta_1": -1.0}, "beta_1"),
         ({"force_beta_2": -1.0}, "force: beta_2"),
         ({"force_gains": Gains(np.eye(6), np.eye(5))}, "force: gains: expected K_d"),
-        ({"force_integral": -1.0}, "force_integral"),
+        ({"force_integral": -1.0}, "force_integral: expected a number >= 0 in 1/s, got -1.0"),
+        ({"force_integral": np.ones(6)}, "force_integral"),
+        ({"touch": "a"}, r"touch: expected one or \(6,\) numbers >= 0"),
+        ({"transition": np.nan}, "transition"),
+        ({"stiffness": 1e4j}, "stiffness"),
+        ({"modes": 3}, "modes: expected a Mode, a sequence of Modes, or a function of time, got 3"),
+        ({"modes": Mode("abc")}, "zeros and ones"),
+        ({"modes": Mode(np.zeros(6), time=np.inf)}, "time"),
         ({"touch": np.full(6, np.nan)}, "touch"),
         ({"practice": Practice(gain_bound=1.0), "gains": Gains(np.eye(6), np.zeros((6, 6)))}, r"expected .* K_d\(0\)"),
         (

@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, number, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import UnreachableError, rotation_of
 from k1607_pin.control.adaptation import Gains
-from k1607_pin.control.finite import finite_only
+from k1607_pin.control.finite import entering, finite_only
+from k1607_pin.control.hybrid_gains import UnstableGainsError, checked_stiffness, hybrid_gains, require_stable
 from k1607_pin.control.hybrid_law import HybridState, HybridStep, Loop, hybrid_adaptive, per_stiffness
 from k1607_pin.control.modes import Mode, Modes, checked_modes, mode_at
 from k1607_pin.control.pose import PosePath, check_path, check_reach, checked_rotation, wanted_velocity
@@ -22,7 +24,9 @@ from k1607_pin.control.practice import OFF, Practice, filtered
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.control.scheme import checked_scheme, named, other_torque
 
-__all__ = ["HybridAdaptive", "HybridState", "HybridStep", "Loop", "Mode", "hybrid_adaptive", "hybrid_gains"]
+__all__ = [
+    "HybridAdaptive", "HybridState", "HybridStep", "Loop", "Mode", "UnstableGainsError", "hybrid_adaptive", "hybrid_gains",
+]  # fmt: skip
 
 logger = logging.getLogger(__name__)
 
@@ -113,13 +117,13 @@ class HybridAdaptive:
         force_gains = named("force", checked_scheme, *force)
         object.__setattr__(self, "gains", gains)
         object.__setattr__(self, "force_gains", force_gains)
-        object.__setattr__(self, "stiffness", _checked_stiffness(self.stiffness))
-        if not 0 < self.transition < np.inf:
-            raise ValueError(f"transition: expected a positive time in s, got {self.transition!r}")
-        for name, value, shapes in (("force_integral", self.force_integral, ((),)), ("touch", self.touch, ((), (6,)))):
-            x = np.array(value, dtype=float)
-            if x.shape not in shapes or not ((x >= 0) & np.isfinite(x)).all():
-                raise ValueError(f"{name}: expected finite numbers >= 0 of shape {shapes}, got {value!r}")
+        object.__setattr__(self, "stiffness", checked_stiffness(self.stiffness))
+        number("transition", self.transition, 0, unit="s")
+        number("force_integral", self.force_integral, at_least=0, unit="1/s")
+        expected = "one or (6,) numbers >= 0 in N, N m"
+        touch = as_floats("touch", self.touch, expected)
+        if touch.shape not in ((), (6,)) or not ((touch >= 0) & np.isfinite(touch)).all():
+            raise ValueError(f"touch: expected {expected}, got {shown(self.touch)}")
         object.__setattr__(self, "modes", checked_modes(self.modes))
         self.practice.check(self.arm.n, 6, gains)
         named("force", self.force_practice.check, self.arm.n, 6, per_stiffness(force_gains, self.stiffness))
@@ -148,7 +152,9 @@ class HybridAdaptive:
         return mode_at(self.modes, t, self.period)
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> HybridState:
-        """The initial gains in the first mode, with nothing to fade, when the arm can follow where it has to.
+        """The initial gains in the first mode, with nothing to fade, when the arm can follow where it has to and the loop holds.
+
+        The sampled loop of the initial gains is looked at in the start posture, for every listed selection, (H12).
 
         A point of the path that is out of reach is refused if all is position-controlled there. If not, the force may lead the
         tool to where it is in reach: that is told in the log, and the path after it not looked at.
@@ -159,7 +165,10 @@ class HybridAdaptive:
             The path's points at the start or the end are not what `PosePath` says, or no orientation is given at all.
         UnreachableError
             The arm has no posture within its limits for a point that it has to follow.
+        UnstableGainsError
+            The loop of the initial gains runs away; the largest omega is named.
         """
+        q, v = entering(self.arm.n, 0.0, q, v, None)
         check_path(self.path, self.rotation, duration, ("position", "velocity"))
         try:
             check_reach(self.arm, self.path, self.rotation, q, duration)
@@ -169,7 +178,25 @@ class HybridAdaptive:
             logger.warning("%s; whether what is force-controlled there makes up for it is not known", error)
         if np.shape(wrench := self.sensor(0.0, q, v)) != (6,):
             raise ValueError(f"sensor: expected (6,) force and moment in N, N m, got shape {np.shape(wrench)}")
+        self._require_stable(q)
         return self.initial(q, v)
+
+    def _require_stable(self, q: np.ndarray) -> None:
+        M, J = self.arm.mass_matrix(q), self.arm.jacobian(q)
+        inertias = np.linalg.eigvalsh(M)
+        if not inertias[0] > len(M) * np.finfo(float).eps * inertias[-1]:
+            return  # links without inertia: kinematics alone, whose loop nobody knows
+        turn = np.kron(np.eye(2), self.compliance)
+        mobility = turn.T @ J @ np.linalg.solve(M, J.T) @ turn
+        selections = [self.mode(0.0)[0]] if callable(self.modes) else [mode.selection for mode in self.modes]
+
+        def smoothing(period: float) -> float:
+            return float(1 - np.exp(-self.practice.velocity_cutoff * period))
+
+        for S in np.unique(selections, axis=0):
+            require_stable(
+                mobility, self.gains, self.force_gains, self.stiffness, S, self.period, smoothing, self.force_integral
+            )
 
     def initial(self, q: Any, v: Any) -> HybridState:
         """The initial gains in the first mode, whatever the path; q : (n,) rad; v : (n,) rad/s."""
@@ -226,57 +253,3 @@ class HybridAdaptive:
             "torque_share": step.share,
         }
         return step.torque, step.state, log
-
-
-def hybrid_gains(
-    arm: Arm,
-    q: np.ndarray,
-    stiffness: Any,
-    omega: float,
-    force_omega: float,
-    damping: float = 1.0,
-    force_damping: float = 1.0,
-    compliance: Any = None,
-) -> tuple[Gains, Gains]:
-    """Initial gains of both loops, compliance axes: each a system of its omega [1/s] and damping, (H8).
-
-    The force loop's on a contact of ``stiffness``: K_p = omega^2 Lambda, K_d = 2 damping omega Lambda;
-    K_pf = force_omega^2 Lambda K^-1 - 1, K_df = 2 force_damping force_omega Lambda K^-1.
-
-    Parameters
-    ----------
-    q : (n,) rad; stiffness : N/m, N m/rad, one number or (6,), compliance axes; compliance : (3, 3), None for the base's axes.
-        On a contact softer by s the force loop's omega falls with the root of s, and its damping rises so.
-
-    Raises
-    ------
-    ValueError
-        A stiffness or an omega that is not positive, a damping that is negative, a compliance that is no rotation.
-    """
-    stiffness = _checked_stiffness(stiffness)
-    for name, value in (("omega", omega), ("force_omega", force_omega)):
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name}: expected a positive number in 1/s, got {value!r}")
-    for name, value in (("damping", damping), ("force_damping", force_damping)):
-        if not 0 <= value < np.inf:
-            raise ValueError(f"{name}: expected a number >= 0, got {value!r}")
-    if compliance is not None:
-        compliance = checked_rotation("compliance", compliance)
-    C = np.kron(np.eye(2), np.eye(3) if compliance is None else compliance)
-    Lambda = C.T @ arm.operational_space(q, np.zeros(arm.n)).Lambda @ C
-    Lambda_K = Lambda / stiffness  # (6, 6) Lambda K^-1, s^2
-    return (
-        Gains(omega**2 * Lambda, 2 * damping * omega * Lambda),
-        Gains(force_omega**2 * Lambda_K - np.eye(6), 2 * force_damping * force_omega * Lambda_K),
-    )
-
-
-def _checked_stiffness(stiffness: Any) -> np.ndarray:
-    """(6,) positive numbers, from one or six."""
-    try:
-        x = np.array(stiffness, dtype=float)
-    except (TypeError, ValueError):
-        x = np.empty(0)
-    if x.shape not in ((), (6,)) or not ((x > 0) & np.isfinite(x)).all():
-        raise ValueError(f"stiffness: expected one or (6,) positive numbers in N/m, N m/rad, got {stiffness!r}")
-    return np.broadcast_to(x, (6,)).copy()

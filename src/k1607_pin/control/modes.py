@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, number, numbers, shown
+
 
 class Mode(NamedTuple):
     """What is controlled from a time on."""
@@ -31,7 +33,9 @@ def checked_modes(modes: Modes) -> tuple[Mode, ...] | Callable[[float], Mode]:
     """
     if callable(modes):
         return modes
-    listed = [modes] if isinstance(modes, Mode) else list(modes)
+    if not isinstance(modes, Sequence):
+        raise ValueError(f"modes: expected a Mode, a sequence of Modes, or a function of time, got {shown(modes)}")
+    listed = [modes] if isinstance(modes, Mode) else modes
     checked = tuple(_checked_mode(f"modes[{k}]", mode) for k, mode in enumerate(listed))
     times = [mode.time for mode in checked]
     if not times or times[0] != 0 or not (np.diff(times) > 0).all():
@@ -57,27 +61,28 @@ def mode_at(modes: Any, t: float, period: float) -> tuple[np.ndarray, np.ndarray
     return now.selection, now.force
 
 
-def _checked_mode(name: str, mode: Any) -> Mode:
-    """The mode with S as its diagonal and a constant force as an array."""
-    if not isinstance(mode, Mode):
-        raise ValueError(f"{name}: expected a Mode, got {mode!r}")
-    S = np.array(mode.selection, dtype=float)
+def checked_selection(name: str, selection: Any) -> np.ndarray:
+    """(6,) the diagonal of S, from (6,) or the diagonal (6, 6), of zeros and ones; else a `ValueError`."""
+    expected = "a selection of (6,) or diagonal (6, 6) zeros and ones"
+    S = as_floats(name, selection, expected)
     diagonal = np.diag(S) if S.shape == (6, 6) else S
     is_diagonal = S.shape == (6,) or (S.shape == (6, 6) and bool((np.diag(diagonal) == S).all()))
     if not is_diagonal or not np.isin(diagonal, (0.0, 1.0)).all():
-        raise ValueError(
-            f"{name}: expected a selection of (6,) or diagonal (6, 6) zeros and ones, got {mode.selection!r}"
-        )
-    if not np.isfinite(mode.time):
-        raise ValueError(f"{name}: expected a time in s, got {mode.time!r}")
-    force = mode.force if callable(mode.force) else _checked_force(name, mode.force, diagonal)
-    return Mode(diagonal, force, float(mode.time))
+        raise ValueError(f"{name}: expected {expected}, got {shown(selection)}")
+    return diagonal.copy()
+
+
+def _checked_mode(name: str, mode: Any) -> Mode:
+    """The mode with S as its diagonal and a constant force as an array."""
+    if not isinstance(mode, Mode):
+        raise ValueError(f"{name}: expected a Mode, got {shown(mode)}")
+    diagonal = checked_selection(name, mode.selection)
+    time = number(f"{name}.time", mode.time, unit="s")
+    return Mode(diagonal, mode.force if callable(mode.force) else _checked_force(name, mode.force, diagonal), time)
 
 
 def _checked_force(name: str, force: Any, selection: np.ndarray) -> np.ndarray:
-    f = np.array(force, dtype=float)
-    if f.shape != (6,) or not np.isfinite(f).all():
-        raise ValueError(f"{name}: expected a force of (6,) finite numbers in N, N m, got {force!r}")
+    f = numbers(name, force, (6,), "N, N m").copy()
     if (wrong := (f != 0) & (selection == 0)).any():
         got = ", ".join(f"{f[k]:g} on axis {k}" for k in np.flatnonzero(wrong))
         raise ValueError(f"{name}: expected no force on position-controlled axes, got {got}")
