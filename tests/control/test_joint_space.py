@@ -12,6 +12,7 @@ from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivat
 from k1607_pin.control.joint_space import JointAdaptive, gains_from_mass, joint_adaptive, model_from_mass
 from k1607_pin.control.practice import Practice, adaptation_rates, relative_size
 from k1607_pin.control.reference_model import reference_model
+from k1607_pin.control.sampled import pd_growth
 from k1607_pin.paths.inverse_path import joint_path
 from k1607_pin.report import plots
 from k1607_pin.report.cases import study_case
@@ -83,7 +84,8 @@ def test_no_error_means_no_torque_and_no_adaptation():
     assert (step.gains.K_p == gains.K_p).all()
 
 
-def closed(case, period, omega, share, practice=Practice(), duration=1.5):  # noqa: B008  # frozen
+def closed(case, period, omega, share, practice=Practice(), duration=1.5, until=None):  # noqa: B008  # frozen
+    """A run with the payload picked up and put down; with ``until`` only its beginning, before that."""
     arm = case.plant.arm
     path = joint_path(arm, case.law.path, case.q0, duration, case.law.rotation)
     gains, model = (
@@ -91,8 +93,8 @@ def closed(case, period, omega, share, practice=Practice(), duration=1.5):  # no
         model_from_mass(arm, case.q0, omega),
     )
     law = JointAdaptive(arm, path, gains, model, share[0] * omega**2, share[1] * omega**2, period, practice)
-    payloads = [(duration / 3, case.payload), (duration * 2 / 3, Payload(0.0))]
-    return simulate(case.plant, law, case.q0, duration, None, period, period, runge_kutta_4, payloads=payloads)
+    payloads = [] if until else [(duration / 3, case.payload), (duration * 2 / 3, Payload(0.0))]
+    return simulate(case.plant, law, case.q0, until or duration, None, period, period, runge_kutta_4, payloads=payloads)
 
 
 @pytest.mark.parametrize("number", [1, 2])
@@ -140,19 +142,24 @@ def test_the_same_calls_run_any_arm(name):
 def test_one_arm_s_rates_run_another_s_gains_away():
     """Weight unknown to the law: with what the K-1607 bears, in proportion to K(0), the xArm7 is lost; not with its own.
 
-    How far it is thrown is chaos, which another processor's rounding changes: the worst of three loops that hardly differ.
+    After 80 ms the gains have grown so that errors nearly double in every period that follows, whatever starts them. How far they
+    throw the arm from there on is chaos; that they grow is the spectral radius of the sampled loop.
     """
     case = study_case(1, "recommended", k1607.load_example("xarm7"))
     arm, practice = case.plant.arm, Practice(torque_limit=case.plant.arm.effort_limit)
     gains, model = gains_from_mass(arm, case.q0, 150.0), model_from_mass(arm, case.q0, 150.0)
     own = np.array(adaptation_rates(gains, model, arm.gravity_torque(case.q0), 10.0)) / 150.0**2
 
-    def worst(rates, *omegas):
-        logs = (closed(case, 0.001, omega, rates, practice, 0.9) for omega in omegas)
-        return max(float(np.abs(log.error[:, :3]).max()) for log in logs)
+    def run(rates, until=None):
+        log = closed(case, 0.001, 150.0, rates, practice, 0.9, until)
+        samples = zip(log.q.values[::10], log.K_p.values[::10], log.K_d.values[::10], strict=True)
+        return log, np.array([pd_growth(arm.mass_matrix(q), Gains(*k), 0.001) for q, *k in samples])
 
-    assert worst((5e4, 1e4), 148.0, 150.0, 152.0) > 0.1  # m
-    assert worst(own, 150.0) < 1e-3
+    _, borrowed = run((5e4, 1e4), 0.08)
+    assert borrowed[[0, -1]] == pytest.approx([0.897, 1.941], abs=1e-3)
+    log, bearable = run(own)
+    assert bearable.max() < 0.91
+    assert np.abs(log.error[:, :3]).max() < 1e-3  # m
     borne = closed(study_case(1, "recommended", control_period=0.002), 0.002, 175.0, (5e4, 1e4))
     assert np.abs(borne.error[:, :3]).max() < 1e-3
 
