@@ -46,7 +46,7 @@ def laws(reference):
     gains, joint_model = gains_from_mass(reference, Q, 20.0), model_from_mass(reference, Q, 20.0)
     at_tool = gains_from_inertia(reference, Q, 20.0)
     push = Mode((1, 0, 0, 0, 0, 0), (10.0, 0, 0, 0, 0, 0))
-    both, rates = hybrid_gains(reference, Q, 1e4, 15.0, 50.0), parameter_rates(reference, Q, gains.K_d / 2, 20.0)
+    both, rates = hybrid_gains(reference, Q, 1e4, 10.0, 30.0), parameter_rates(reference, Q, gains.K_d / 2, 20.0)
     made = {
         "joint": JointAdaptive(reference, still, gains, joint_model, 1e3, 1e3, 0.01),
         "Cartesian": CartesianAdaptive(reference, line, R, at_tool, model, 1e3, 1e3, 0.01, hold(Q, 5.0)),

@@ -11,13 +11,17 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
+from k1607_pin.arguments import number, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import rotation_of
 from k1607_pin.control import pose
 from k1607_pin.control.adaptation import Gains, checked_gains, proportional_derivative
-from k1607_pin.control.finite import finite_only
+from k1607_pin.control.finite import entering, finite_only
 from k1607_pin.control.joint_space import ERRORS, JointPath, check_path, errors
 from k1607_pin.control.posture import Posture, posture_torque
+from k1607_pin.control.singular import force_for, require_regular
+from k1607_pin.dynamics.linear import smallest_eigenvalue
+from k1607_pin.kinematics.differential import Damping
 
 Log = dict[str, Any]
 NEEDED = ("position", "velocity", "acceleration")
@@ -93,12 +97,15 @@ class OperationalSpaceControl:
     """tau = J^T Lambda (x_d'' + 2 omega x_e' + omega^2 x_e - J_dot q') + C q' + g, and a posture in the null space.
 
     Khatib, IEEE J. Robotics and Automation 3(1), 1987. C q' + g is cancelled in joint space, which cancels it at the tool and in
-    the null space alike.
+    the null space alike. Lambda has no bound at a singular posture: there the law stops, or, with ``damping``, lets the tool lag.
 
     Raises
     ------
     ValueError
         omega not positive, a rotation that is none; when it starts, a path whose points lack what `PosePath` says.
+    SingularJacobianError
+        When it starts in a singular posture, or comes to one that blows its force up, without damping. A compiled rollout, which
+        cannot raise, gives that torque.
     """
 
     arm: Arm
@@ -109,17 +116,27 @@ class OperationalSpaceControl:
     """1/s"""
     posture: Posture | None = None
     """What the null space is to keep to; None leaves it to itself"""
+    damping: Damping | None = None
+    """Of Lambda near singular postures, by the smallest singular value of J, as in `Arm.operational_space`; None for none"""
 
     variables: ClassVar = pose.ERRORS
 
     def __post_init__(self) -> None:
-        _require_positive(omega=self.omega)
+        number("omega", self.omega, 0, unit="1/s")
+        if self.damping is not None and not isinstance(self.damping, Damping):
+            raise ValueError(f"damping: expected a Damping or None, got {shown(self.damping)}")
         if self.rotation is not None:
             object.__setattr__(self, "rotation", pose.checked_rotation("rotation", self.rotation))
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> None:
-        """No state."""
+        """No state; refuses a singular posture."""
+        q, v = entering(self.arm.n, 0.0, q, v, None)
         pose.check_path(self.path, self.rotation, duration, NEEDED)
+        if self.damping is None:
+            require_regular(self.arm.jacobian(q))
+
+    def initial(self, q: Any, v: Any) -> None:
+        """No state, whatever the posture."""
 
     @finite_only
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: None) -> tuple[np.ndarray, None, Log]:
@@ -131,7 +148,11 @@ class OperationalSpaceControl:
         error_rate = pose.wanted_velocity(wanted) - J @ v
         wish = pose.wanted_acceleration(wanted) + 2 * self.omega * error_rate + self.omega**2 * error
         mobility = J @ np.linalg.solve(M, J.T)  # (6, 6) Lambda^-1
-        force = np.linalg.solve(mobility, wish - arm.jacobian_time_variation(q, v) @ v)
+        if self.damping:
+            JJT = J @ J.T
+            share = self.damping.squared(smallest_eigenvalue(JJT)) / np.trace(JJT)
+            mobility = mobility + share * np.trace(mobility) * np.eye(6)
+        force = force_for(mobility, wish - arm.jacobian_time_variation(q, v) @ v, J)
         torque = J.T @ force + arm.bias_torque(q, v)
         if self.posture:
             torque = torque + posture_torque(M, J, q, v, *self.posture.path(t), *self.posture[1:])

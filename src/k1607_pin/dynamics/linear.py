@@ -52,6 +52,37 @@ def inverse_definite(A: Any) -> Any:
     return np.stack([np.stack([X[max(i, j)][min(i, j)] for j in range(n)]) for i in range(n)])
 
 
+def smallest_eigenvalue(A: Any) -> Any:
+    """Of a symmetric A (n, n), to rounding of its largest; for symbols by Jacobi's rotations, written out."""
+    if type(A) is np.ndarray:
+        return np.linalg.eigvalsh(A)[0]
+    n = A.shape[0]
+    a = [[A[i, j] for j in range(n)] for i in range(n)]
+    for _ in range(SWEEPS):
+        for p in range(n):
+            for q in range(p + 1, n):
+                # tan of the angle that takes a[p][q] away, the smaller one; TINY where there is nothing to take away
+                half, off = (a[q][q] - a[p][p]) / 2, a[p][q]
+                side = np.where(half < 0, -1.0, 1.0)
+                t = side * off / (np.abs(half) + np.sqrt(half * half + off * off) + TINY)
+                c = 1 / np.sqrt(1 + t * t)
+                s = t * c
+                a[p][p], a[q][q] = a[p][p] - t * off, a[q][q] + t * off
+                a[p][q] = a[q][p] = 0.0
+                for k in range(n):
+                    if k not in (p, q):
+                        a[p][k], a[q][k] = c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]
+                        a[k][p], a[k][q] = a[p][k], a[q][k]
+    least = a[0][0]
+    for k in range(1, n):
+        least = np.minimum(least, a[k][k])
+    return least
+
+
+SWEEPS = 6  # of Jacobi's method, which converges quadratically: 6 x 6 is at rounding after five
+TINY = 1e-300
+
+
 def _factors(A: Any) -> tuple[list[list[Any]], list[Any]]:
     """L, whose rows i have entries for k < i below ones on the diagonal, and the inverse of the diagonal D: A = L^T D L."""
     n = len(A)

@@ -9,18 +9,22 @@ import numpy as np
 class SingularJacobianError(ValueError):
     """The Jacobian has lost rank and no damping was asked for."""
 
-    def __init__(self, sigma_min: float, threshold: float) -> None:
+    def __init__(
+        self,
+        sigma_min: float,
+        threshold: float,
+        remedy: str = "pass damping=Damping(...) to go through a singularity at the price of tracking error",
+    ) -> None:
         self.sigma_min = sigma_min
         """Smallest singular value of the weighted Jacobian."""
         self.threshold = threshold
         """The value it had to exceed."""
-        super().__init__(
-            f"J: smallest singular value {sigma_min:.3e}, expected more than {threshold:.1e}; "
-            "pass damping=Damping(...) to go through a singularity at the price of tracking error"
-        )
+        self.remedy = remedy
+        """What to type."""
+        super().__init__(f"J: smallest singular value {sigma_min:.3e}, expected more than {threshold:.1e}; {remedy}")
 
-    def __reduce__(self) -> tuple[type, tuple[float, float]]:
-        return type(self), (self.sigma_min, self.threshold)
+    def __reduce__(self) -> tuple[type, tuple[float, float, str]]:
+        return type(self), (self.sigma_min, self.threshold, self.remedy)
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,10 @@ class Damping:
         """lambda for the given smallest singular value."""
         ratio = sigma_min / self.threshold
         return 0.0 if ratio >= 1 else self.maximum * float(np.sqrt(1 - ratio * ratio))
+
+    def squared(self, sigma_squared: Any) -> Any:
+        """lambda^2 from sigma_min^2, the smallest eigenvalue of J J^T: for symbols too."""
+        return self.maximum**2 * np.maximum(0.0, 1 - sigma_squared / self.threshold**2)
 
 
 class PseudoInverse(NamedTuple):
