@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import k1607_pin as k1607
+from k1607_pin.arm.ready import ready_postures
 from k1607_pin.compiled.trace import trace
 from k1607_pin.control.baselines import OperationalSpaceControl
 from k1607_pin.control.cartesian import gains_from_inertia
@@ -39,7 +40,7 @@ def test_a_singular_start_is_refused_with_the_remedy(arm, near):
     replace(law, damping=DAMPING).start(q, np.zeros(arm.n), 1.0)
 
 
-@pytest.mark.parametrize("near", [0.0, 1e-12, 1e-7])
+@pytest.mark.parametrize("near", [0.0, 1e-12])
 def test_a_singular_posture_on_the_way_gives_no_torque_without_bound(arm, near):
     q, v = near * np.arange(1.0, arm.n + 1), np.full(arm.n, 0.1)
     with pytest.raises(SingularJacobianError):
@@ -134,10 +135,9 @@ def test_what_is_no_damping_is_refused(reference):
             law_at(reference, np.full(7, 0.5), bad)
 
 
-@pytest.mark.parametrize(
-    "make", [lambda arm, q: gains_from_inertia(arm, q, 5.0), lambda arm, q: hybrid_gains(arm, q, 1e4, 5.0, 20.0)]
-)
+@pytest.mark.parametrize("make", [gains_from_inertia, lambda arm, q, omega: hybrid_gains(arm, q, 1e4, omega, 20.0)])
 def test_gains_advise_what_can_be_typed(reference, make):
-    with pytest.raises(SingularJacobianError, match="other postures") as caught:
-        make(reference, np.zeros(7))
+    with pytest.raises(SingularJacobianError, match=r"ready_postures\(arm\)") as caught:
+        make(reference, np.zeros(7), 5.0)
     assert "damping" not in str(caught.value)
+    make(reference, ready_postures(reference)[0], 5.0)

@@ -5,10 +5,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from k1607_pin.arguments import number
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import rotation_of
 from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
-from k1607_pin.control.finite import finite_only
+from k1607_pin.control.finite import entering, finite_only
 from k1607_pin.control.pose import (
     ERRORS,
     PosePath,
@@ -22,7 +23,8 @@ from k1607_pin.control.pose import (
 from k1607_pin.control.posture import Posture
 from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel
-from k1607_pin.control.scheme import checked_scheme, other_torque
+from k1607_pin.control.scheme import checked_scheme, other_torque, postures_of
+from k1607_pin.control.singular import cartesian_inertia
 
 
 class Step(NamedTuple):
@@ -136,6 +138,7 @@ class CartesianAdaptive:
         UnreachableError
             The arm has no posture within its limits for a point of the path; looked at some four times a second.
         """
+        q, v = entering(self.arm.n, 0.0, q, v, None)
         check_path(self.path, self.rotation, duration, ("position", "velocity", "acceleration"))
         check_reach(self.arm, self.path, self.rotation, q, duration)
         return self.initial(q, v)
@@ -187,10 +190,15 @@ def gains_from_inertia(arm: Arm, q: np.ndarray, omega: float, damping: float = 1
     q : (n,) rad, or (N, n) postures along the path, for which Lambda is the harmonic mean: a direction that is light in one of
         them, where the loop is fastest, counts most.
     omega : 1/s; stable with torques held for a period T only while omega T stays below 1 where damping is 1.
+
+    Raises
+    ------
+    ValueError
+        q of another shape, omega that is not positive, a negative damping.
+    SingularJacobianError
+        A singular posture, or fewer than six joints; it says what to take instead.
     """
-    if not 0 < omega < np.inf or not 0 <= damping < np.inf:
-        raise ValueError(f"omega, damping: expected a positive number in 1/s and one >= 0, got {omega!r}, {damping!r}")
-    still = np.zeros(arm.n)
-    mobility = [np.linalg.inv(arm.operational_space(one, still).Lambda) for one in np.atleast_2d(q)]
+    omega, damping = number("omega", omega, 0, unit="1/s"), number("damping", damping, at_least=0)
+    mobility = [np.linalg.inv(cartesian_inertia(arm, one)) for one in postures_of(arm, q)]
     Lambda = np.linalg.inv(np.mean(mobility, axis=0))
     return Gains(omega**2 * Lambda, 2 * damping * omega * Lambda)

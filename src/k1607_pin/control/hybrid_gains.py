@@ -11,6 +11,7 @@ from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.modes import checked_selection
 from k1607_pin.control.pose import checked_rotation
 from k1607_pin.control.sampled import Sampled, growth
+from k1607_pin.control.singular import cartesian_inertia
 
 
 class UnstableGainsError(ValueError):
@@ -57,6 +58,8 @@ def hybrid_gains(
     ValueError
         A stiffness or an omega that is not positive, a damping that is negative, a compliance that is no rotation; a period
         without a selection.
+    SingularJacobianError
+        A singular posture, or fewer than six joints.
     UnstableGainsError
         The sampled loop runs away; the largest omega is named.
     """
@@ -65,7 +68,7 @@ def hybrid_gains(
     damping, force_damping = number("damping", damping, at_least=0), number("force_damping", force_damping, at_least=0)
     C = np.eye(3) if compliance is None else checked_rotation("compliance", compliance)
     turn = np.kron(np.eye(2), C)
-    Lambda = turn.T @ arm.operational_space(q, np.zeros(arm.n)).Lambda @ turn
+    Lambda = turn.T @ cartesian_inertia(arm, q) @ turn
     Lambda_K = Lambda / K  # (6, 6) Lambda K^-1, s^2
     gains = Gains(omega**2 * Lambda, 2 * damping * omega * Lambda)
     force_gains = Gains(force_omega**2 * Lambda_K - np.eye(6), 2 * force_damping * force_omega * Lambda_K)

@@ -6,13 +6,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from k1607_pin.arguments import number
 from k1607_pin.arm.arm import Arm
 from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
-from k1607_pin.control.finite import finite_only
+from k1607_pin.control.finite import entering, finite_only
 from k1607_pin.control.pose import pose_error
 from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel, reference_model
-from k1607_pin.control.scheme import checked_scheme
+from k1607_pin.control.scheme import checked_scheme, postures_of
 
 JointPath = Callable[[float], Any]
 """Time [s] -> wanted .position (n,) rad and .velocity (n,) rad/s; .acceleration (n,) rad/s^2 for laws that feed it forward."""
@@ -105,6 +106,7 @@ class JointAdaptive:
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> AdaptiveState:
         """The initial gains, when the path's points from 0 to ``duration`` [s] are what they should be."""
+        q, v = entering(self.arm.n, 0.0, q, v, None)
         check_path(self.arm, self.path, duration)
         return self.initial(q, v)
 
@@ -204,8 +206,14 @@ def gains_from_mass(arm: Arm, q: np.ndarray, omega: float, damping: float = 1.0)
     q : (n,) rad, or (N, n) postures along the path, for which M is the harmonic mean: a direction that is light in one of them,
         where the loop is fastest, counts most.
     omega : 1/s; stable with torques held for a period T only while omega T stays below 1 where damping is 1.
+
+    Raises
+    ------
+    ValueError
+        q of another shape, omega that is not positive, a negative damping.
     """
-    mobility = [np.linalg.inv(arm.mass_matrix(one)) for one in np.atleast_2d(q)]
+    omega, damping = number("omega", omega, 0, unit="1/s"), number("damping", damping, at_least=0)
+    mobility = [np.linalg.inv(arm.mass_matrix(one)) for one in postures_of(arm, q)]
     M = np.linalg.inv(np.mean(mobility, axis=0))
     return Gains(omega**2 * M, 2 * damping * omega * M)
 
@@ -217,8 +225,9 @@ def model_from_mass(arm: Arm, q: np.ndarray, omega: float) -> ReferenceModel:
     With P_2 = I one beta has to serve a shoulder and a wrist of a thousandth of its inertia, whose gains then run away. How
     large beta may be still depends on the arm: `adaptation_rates` finds it.
 
-    q : (n,) rad, or (N, n) postures along the path; omega : 1/s.
+    q : (n,) rad, or (N, n) postures along the path; omega : 1/s, positive, else a `ValueError`.
     """
+    omega = number("omega", omega, 0, unit="1/s")
     m, ones = np.diag(gains_from_mass(arm, q, 1.0).K_p), np.ones(arm.n)
     weights = np.diag(np.concatenate([2 * omega**2 * m, 2 * m]))
     return reference_model(omega**2 * ones, 2 * omega * ones, weights)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.control.adaptation import Gains, check_adaptation, checked_gains
 from k1607_pin.control.posture import Posture, posture_torque
@@ -32,6 +33,15 @@ def other_torque(
     if posture is None:
         return torque
     return torque + posture_torque(arm.mass_matrix(q), J, q, v, *posture.path(t), *posture[1:])
+
+
+def postures_of(arm: Arm, q: Any) -> np.ndarray:
+    """(N, n) rad from (n,) or (N, n), N > 0; else a `ValueError`."""
+    expected = f"({arm.n},) or (N, {arm.n}) finite numbers in rad"
+    postures = np.atleast_2d(as_floats("q", q, expected))
+    if postures.ndim != 2 or postures.shape[1] != arm.n or not len(postures) or not np.isfinite(postures).all():
+        raise ValueError(f"q: expected {expected}, got {shown(q) if np.size(q) <= arm.n else f'shape {np.shape(q)}'}")
+    return postures
 
 
 def named(name: str, check: Callable[..., Any], *arguments: Any) -> Any:

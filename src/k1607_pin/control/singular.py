@@ -4,11 +4,29 @@ from typing import Any
 
 import numpy as np
 
-from k1607_pin.arm.arm import SQUARED_RANK_TOLERANCE
+from k1607_pin.arm.arm import SQUARED_RANK_TOLERANCE, Arm
 from k1607_pin.dynamics.operational_space import singular_values
 from k1607_pin.kinematics.differential import SingularJacobianError
 
 DAMPED = "start elsewhere, or give the law damping=Damping(...), with which the tool lags near a singular posture"
+
+
+def cartesian_inertia(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """(6, 6) Lambda at rest in q (n,), for gains in proportion to it.
+
+    Raises
+    ------
+    SingularJacobianError
+        There is none, and what to take instead.
+    """
+    try:
+        return arm.operational_space(q, np.zeros(arm.n)).Lambda
+    except SingularJacobianError as error:
+        raise SingularJacobianError(error.sigma_min, error.threshold, OTHERS if arm.n >= 6 else FEW) from None
+
+
+OTHERS = "take other postures for gains, such as k1607_pin.arm.ready.ready_postures(arm), far from singular ones"
+FEW = "fewer than six joints do not move a tool in six directions; JointAdaptive with gains_from_mass(arm, q, omega) does without"
 
 
 def require_regular(J: np.ndarray, remedy: str = DAMPED) -> None:
