@@ -214,7 +214,7 @@ def test_a_controller_can_be_pickled(reference):
 def test_what_makes_no_sense_is_refused(reference):
     with pytest.raises(ValueError, match="K_p"):
         GravityPD(reference, lambda t: None, Gains(np.eye(6), np.eye(7)))
-    with pytest.raises(ValueError, match="omega: expected a positive number, got 0"):
+    with pytest.raises(ValueError, match="omega: expected a positive number in 1/s, got 0"):
         ComputedTorque(reference, lambda t: None, 0.0)
     with pytest.raises(ValueError, match="rotation"):
         OperationalSpaceControl(reference, lambda t: None, np.eye(4), 1.0)

@@ -65,7 +65,7 @@ def test_damping_alone_brings_to_rest_and_draws_nowhere(reference):
     a = np.linalg.solve(M, posture_torque(M, J, q, v, *still.path(0.3), *still[1:]))
     null = np.linalg.svd(J)[2][6]  # the direction in which the tool rests
     assert a @ M @ null == pytest.approx(-4.0 * (v @ M @ null), rel=1e-6)
-    with pytest.raises(ValueError, match="omega: expected a positive number"):
+    with pytest.raises(ValueError, match="rate: expected a positive number"):
         damp(7, 0.0)
 
 

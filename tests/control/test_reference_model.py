@@ -46,7 +46,7 @@ def test_response_follows_the_differential_equation():
         (([1.0], [0.0]), "stable"),
         (([1.0, 2.0], [1.0]), "Delta_2: expected"),
         (([np.nan], [1.0]), "Delta_1: expected finite"),
-        (([1.0], [1.0], np.eye(3)), "Q: expected a finite"),
+        (([1.0], [1.0], np.eye(3)), r"Q: expected \(2, 2\) finite numbers"),
         (([1.0], [1.0], -np.eye(2)), "positive definite"),
         (([1.0], [1.0], np.array([[1.0, 0.5], [0, 1]])), "symmetric"),
     ],

@@ -205,7 +205,7 @@ def test_runs_that_cannot_be_judged_are_refused():
         lyapunov(log.drop_vars("Lambda"), MODEL, 1.0, 1.0)
     with pytest.raises(ValueError, match="at least 3 samples"):
         lyapunov(log.isel(time=slice(0, 2)), MODEL, 1.0, 1.0)
-    with pytest.raises(ValueError, match="beta_1, beta_2: expected positive"):
+    with pytest.raises(ValueError, match="beta_1: expected a positive number"):
         lyapunov(log, MODEL, 0.0, 1.0)
 
 

@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from k1607_pin.arguments import number, numbers, shown
+
 
 class Gains(NamedTuple):
     """State of the adaptation."""
@@ -55,19 +57,13 @@ def checked_gains(gains: Gains, m: int) -> Gains:
     ValueError
         They are not; the message names which.
     """
-    out = []
-    for name, k in zip(Gains._fields, gains, strict=True):
-        k = np.array(k, dtype=float)
-        if k.shape != (m, m) or not np.isfinite(k).all():
-            raise ValueError(f"gains: expected {name} a finite ({m}, {m}) matrix, got {k if k.size < 50 else k.shape}")
-        out.append(k)
-    return Gains(*out)
+    if not isinstance(gains, tuple) or len(gains) != len(Gains._fields):
+        raise ValueError(f"gains: expected Gains(K_p, K_d), got {shown(gains)}")
+    return Gains(*(numbers(f"gains.{name}", k, (m, m)).copy() for name, k in zip(Gains._fields, gains, strict=True)))
 
 
 def check_adaptation(beta_1: float, beta_2: float, period: float) -> None:
     """Refuse rates that are negative or not finite, and a period [s] that is not positive, by `ValueError`."""
-    for name, value in (("beta_1", beta_1), ("beta_2", beta_2)):
-        if not 0 <= value < np.inf:
-            raise ValueError(f"{name}: expected a number >= 0, got {value!r}")
-    if not 0 < period < np.inf:
-        raise ValueError(f"period: expected a positive time in s, got {period!r}")
+    number("beta_1", beta_1, at_least=0)
+    number("beta_2", beta_2, at_least=0)
+    number("period", period, 0, unit="s")

@@ -11,14 +11,14 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from k1607_pin.arguments import number, shown
+from k1607_pin.arguments import number, numbers, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import rotation_of
 from k1607_pin.control import pose
 from k1607_pin.control.adaptation import Gains, checked_gains, proportional_derivative
 from k1607_pin.control.finite import entering, finite_only
 from k1607_pin.control.joint_space import ERRORS, JointPath, check_path, errors
-from k1607_pin.control.posture import Posture, posture_torque
+from k1607_pin.control.posture import Posture, check_posture, posture_torque
 from k1607_pin.control.singular import force_for, require_regular
 from k1607_pin.dynamics.linear import smallest_eigenvalue
 from k1607_pin.kinematics.differential import Damping
@@ -49,6 +49,7 @@ class GravityPD:
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> None:
         """No state."""
+        q, v = entering(self.arm.n, 0.0, q, v, None)
         check_path(self.arm, self.path, duration)
 
     @finite_only
@@ -77,10 +78,11 @@ class ComputedTorque:
     variables: ClassVar = ERRORS
 
     def __post_init__(self) -> None:
-        _require_positive(omega=self.omega)
+        number("omega", self.omega, 0, unit="1/s")
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> None:
         """No state."""
+        q, v = entering(self.arm.n, 0.0, q, v, None)
         check_path(self.arm, self.path, duration, NEEDED)
 
     @finite_only
@@ -125,6 +127,7 @@ class OperationalSpaceControl:
         number("omega", self.omega, 0, unit="1/s")
         if self.damping is not None and not isinstance(self.damping, Damping):
             raise ValueError(f"damping: expected a Damping or None, got {shown(self.damping)}")
+        check_posture(self.posture)
         if self.rotation is not None:
             object.__setattr__(self, "rotation", pose.checked_rotation("rotation", self.rotation))
 
@@ -188,16 +191,17 @@ class SlotineLi:
 
     def __post_init__(self) -> None:
         n = self.arm.n
-        _require_positive(omega=self.omega, period=self.period)
-        for name, shape in (("K_D", (n, n)), ("rates", (10 * n,))):
-            x = np.array(getattr(self, name), dtype=float)
-            if x.shape != shape or not np.isfinite(x).all() or (name == "rates" and (x < 0).any()):
-                raise ValueError(f"{name}: expected {shape} finite numbers (rates >= 0), got shape {x.shape}")
-            object.__setattr__(self, name, x)
+        number("omega", self.omega, 0, unit="1/s")
+        number("period", self.period, 0, unit="s")
+        object.__setattr__(self, "K_D", numbers("K_D", self.K_D, (n, n), "N m s/rad").copy())
+        object.__setattr__(self, "rates", numbers("rates", self.rates, (10 * n,)).copy())
+        if (self.rates < 0).any():
+            raise ValueError(f"rates: expected ({10 * n},) numbers >= 0, got one of {self.rates.min():g}")
         object.__setattr__(self, "_regressor", Regressor(self.arm))
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> np.ndarray:
         """(10 n,) the arm's parameters."""
+        q, v = entering(self.arm.n, 0.0, q, v, None)
         check_path(self.arm, self.path, duration, NEEDED)
         return parameters(self.arm)
 
@@ -256,17 +260,22 @@ def parameter_rates(arm: Arm, q: np.ndarray, K_D: np.ndarray, rate: float, lengt
     ----------
     q : (n,) rad; K_D : (n, n) N m s/rad; rate : 1/s.
     length : m, within which a mass is looked for: m weighs as 1, m c as length, I as length^2.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, a singular K_D, rate or length not positive, or an arm of whose parameters gravity shows none at q.
     """
+    q, K_D = numbers("q", q, (arm.n,), "rad"), numbers("K_D", K_D, (arm.n, arm.n), "N m s/rad")
+    rate, length = number("rate", rate, 0, unit="1/s"), number("length", length, 0, unit="m")
+    if not np.linalg.cond(K_D) < 1 / np.finfo(float).eps:
+        raise ValueError("K_D: expected a regular matrix, got a singular one")
     model = arm.model
     model.gravity = pin.Motion(np.array([0.0, 0.0, -9.81]), np.zeros(3))
     still = np.zeros(arm.n)
     Y = Regressor(Arm(model, arm.tool_frame))(q, still, still, still)
     shape = np.tile(np.array([1.0] + [length] * 3 + [length**2] * 6), arm.n) ** 2
     fastest = np.linalg.eigvals(np.linalg.solve(K_D, (Y * shape) @ Y.T)).real.max()
+    if not fastest > 0:
+        raise ValueError(f"q: expected a posture in which gravity shows some of the parameters, got {q.tolist()}")
     return rate / fastest * shape
-
-
-def _require_positive(**numbers: float) -> None:
-    for name, value in numbers.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name}: expected a positive number, got {value!r}")

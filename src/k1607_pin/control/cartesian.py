@@ -20,7 +20,7 @@ from k1607_pin.control.pose import (
     pose_error,
     wanted_velocity,
 )
-from k1607_pin.control.posture import Posture
+from k1607_pin.control.posture import Posture, check_posture
 from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.control.scheme import checked_scheme, other_torque, postures_of
@@ -124,6 +124,7 @@ class CartesianAdaptive:
             object.__setattr__(self, "rotation", checked_rotation("rotation", self.rotation))
         gains = checked_scheme(self.gains, self.model, self.beta_1, self.beta_2, self.period, 6)
         object.__setattr__(self, "gains", gains)
+        check_posture(self.posture)
         self.practice.check(self.arm.n, 6, gains)
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> AdaptiveState:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from k1607_pin.arguments import as_floats, number, shown
+from k1607_pin.arguments import as_floats, number, numbers, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import UnreachableError, rotation_of
 from k1607_pin.control.adaptation import Gains
@@ -19,7 +19,7 @@ from k1607_pin.control.hybrid_gains import UnstableGainsError, checked_stiffness
 from k1607_pin.control.hybrid_law import HybridState, HybridStep, Loop, hybrid_adaptive, per_stiffness
 from k1607_pin.control.modes import Mode, Modes, checked_modes, mode_at
 from k1607_pin.control.pose import PosePath, check_path, check_reach, checked_rotation, wanted_velocity
-from k1607_pin.control.posture import Posture
+from k1607_pin.control.posture import Posture, check_posture
 from k1607_pin.control.practice import OFF, Practice, filtered
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.control.scheme import checked_scheme, named, other_torque
@@ -114,7 +114,7 @@ class HybridAdaptive:
             object.__setattr__(self, "rotation", checked_rotation("rotation", self.rotation))
         gains = checked_scheme(self.gains, self.model, self.beta_1, self.beta_2, self.period, 6)
         force = self.force_gains, self.force_model, self.force_beta_1, self.force_beta_2, self.period, 6
-        force_gains = named("force", checked_scheme, *force)
+        force_gains = named("force_", checked_scheme, *force)
         object.__setattr__(self, "gains", gains)
         object.__setattr__(self, "force_gains", force_gains)
         object.__setattr__(self, "stiffness", checked_stiffness(self.stiffness))
@@ -125,8 +125,11 @@ class HybridAdaptive:
         if touch.shape not in ((), (6,)) or not ((touch >= 0) & np.isfinite(touch)).all():
             raise ValueError(f"touch: expected {expected}, got {shown(self.touch)}")
         object.__setattr__(self, "modes", checked_modes(self.modes))
+        if not callable(self.sensor):
+            raise ValueError(f"sensor: expected a function of time, q and v, got {shown(self.sensor)}")
+        check_posture(self.posture)
         self.practice.check(self.arm.n, 6, gains)
-        named("force", self.force_practice.check, self.arm.n, 6, per_stiffness(force_gains, self.stiffness))
+        named("force_practice.", self.force_practice.check, self.arm.n, 6, per_stiffness(force_gains, self.stiffness))
         closing = per_stiffness(force_gains, self.stiffness).K_p
         if not np.linalg.eigvalsh((closing + closing.T) / 2)[0] > 0:
             raise ValueError(
@@ -176,8 +179,7 @@ class HybridAdaptive:
             if not self.mode(error.time)[0].any():
                 raise
             logger.warning("%s; whether what is force-controlled there makes up for it is not known", error)
-        if np.shape(wrench := self.sensor(0.0, q, v)) != (6,):
-            raise ValueError(f"sensor: expected (6,) force and moment in N, N m, got shape {np.shape(wrench)}")
+        numbers("sensor", self.sensor(0.0, q, v), (6,), "N, N m")
         self._require_stable(q)
         return self.initial(q, v)
 

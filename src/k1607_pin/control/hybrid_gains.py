@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from k1607_pin.arguments import as_floats, number
+from k1607_pin.arguments import as_floats, number, numbers
 from k1607_pin.arm.arm import Arm
 from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.modes import checked_selection
@@ -63,7 +63,7 @@ def hybrid_gains(
     UnstableGainsError
         The sampled loop runs away; the largest omega is named.
     """
-    K = checked_stiffness(stiffness)
+    q, K = numbers("q", q, (arm.n,), "rad"), checked_stiffness(stiffness)
     omega, force_omega = number("omega", omega, 0, unit="1/s"), number("force_omega", force_omega, 0, unit="1/s")
     damping, force_damping = number("damping", damping, at_least=0), number("force_damping", force_damping, at_least=0)
     C = np.eye(3) if compliance is None else checked_rotation("compliance", compliance)

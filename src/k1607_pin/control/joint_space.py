@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from k1607_pin.arguments import number
+from k1607_pin.arguments import number, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
 from k1607_pin.control.finite import entering, finite_only
@@ -190,7 +190,9 @@ def check_path(arm: Arm, path: JointPath, duration: float, needed: tuple[str, ..
     ValueError
         It says which, and when.
     """
-    for t in (0.0, duration):
+    if not callable(path):
+        raise ValueError(f"path: expected a function of time, got {shown(path)}")
+    for t in (0.0, number("duration", duration, 0, unit="s")):
         point = path(t)
         for name in needed:
             if not hasattr(point, name):

@@ -5,6 +5,7 @@ import logging
 import numpy as np
 import xarray as xr
 
+from k1607_pin.arguments import number, shown
 from k1607_pin.control.adaptation import Gains, gain_rates
 from k1607_pin.control.error_system import (
     error_system,
@@ -53,16 +54,16 @@ def lyapunov(run: xr.Dataset, model: ReferenceModel, beta_1: float, beta_2: floa
     ValueError
         A run without what is needed, or of fewer than three samples.
     """
+    if not isinstance(run, xr.Dataset):
+        raise ValueError(f"run: expected a dataset of simulate, got {shown(run)}")
     if missing := [name for name in NEEDED if name not in run]:
         raise ValueError(
             f"run: expected one of CartesianAdaptive with observe=ObserveOperationalSpace(), got no {', '.join(missing)}"
         )
     if run.sizes["time"] < 3:
         raise ValueError(f"run: expected at least 3 samples, got {run.sizes['time']}")
-    if not (beta_1 > 0 < beta_2):
-        raise ValueError(
-            f"beta_1, beta_2: expected positive numbers, as v weighs the gains by 1/beta; got {beta_1}, {beta_2}"
-        )
+    number("beta_1", beta_1, 0)  # v weighs the gains by 1/beta
+    number("beta_2", beta_2, 0)
     get = {name: run[name].values for name in NEEDED}
     time, x_e, v_e = run.time.values, get["error"], get["error_rate"]
     Lambda, Phi, Gamma = get["Lambda"], get["Phi"], get["Gamma"]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, number, numbers, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import RIGID
 from k1607_pin.arm.reach import follow, rotation_of
@@ -63,10 +64,12 @@ def errors(error: Any, error_rate: Any, wanted: Any) -> dict[str, Any]:
 
 def checked_rotation(name: str, rotation: Any) -> np.ndarray:
     """(3, 3) float; refused by `ValueError` if it is no rotation matrix."""
-    R = np.array(rotation, dtype=float)
-    if R.shape != (3, 3) or not np.abs(R @ R.T - np.eye(3)).max() < RIGID or np.linalg.det(R) < 0:
-        raise ValueError(f"{name}: expected a (3, 3) rotation matrix, got\n{rotation!r}")
-    return R
+    expected = "a (3, 3) rotation matrix"
+    R = as_floats(name, rotation, expected)
+    is_matrix = R.shape == (3, 3) and bool(np.isfinite(R).all())
+    if not is_matrix or not np.abs(R @ R.T - np.eye(3)).max() < RIGID or np.linalg.det(R) < 0:
+        raise ValueError(f"{name}: expected {expected}, got\n{rotation!r}")
+    return R.copy()
 
 
 def check_path(path: PosePath, held: Any, duration: float, needed: tuple[str, ...]) -> None:
@@ -82,7 +85,9 @@ def check_path(path: PosePath, held: Any, duration: float, needed: tuple[str, ..
     ValueError
         It says which, and when.
     """
-    for t in (0.0, duration):
+    if not callable(path):
+        raise ValueError(f"path: expected a function of time, got {shown(path)}")
+    for t in (0.0, number("duration", duration, 0, unit="s")):
         point = path(t)
         if (R := rotation_of(point, held)) is None:
             raise ValueError(
@@ -91,9 +96,11 @@ def check_path(path: PosePath, held: Any, duration: float, needed: tuple[str, ..
         checked_rotation(f"path({t:g}).rotation", R)
         turns = rotation_of(point, None) is not None
         for name in (*needed, *(f"angular_{name}" for name in needed if turns and name != "position")):
-            x = np.asarray(getattr(point, name, None), dtype=float)
-            if x.shape != (3,) or not np.isfinite(x).all():
-                raise ValueError(f"path: expected a finite (3,) {name} at t = {t:g} s, got {x!r}")
+            x = getattr(point, name, None)
+            try:
+                numbers(name, x, (3,))
+            except ValueError:
+                raise ValueError(f"path: expected a finite (3,) {name} at t = {t:g} s, got {shown(x)}") from None
 
 
 def check_reach(arm: Arm, path: PosePath, held: Any, q: np.ndarray, duration: float) -> None:

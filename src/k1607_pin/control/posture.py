@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
+from k1607_pin.arguments import number, numbers, shown
 from k1607_pin.dynamics.linear import solve_definite
 
 
@@ -21,23 +22,43 @@ class Posture(NamedTuple):
     """1/s, by which velocities other than the wanted ones are slowed; None for critical damping, 2 omega"""
 
 
+def check_posture(posture: Posture | None) -> None:
+    """Refuse, by `ValueError`, what is neither None nor a path with an omega and a damping >= 0."""
+    if posture is None:
+        return
+    if not isinstance(posture, Posture) or not callable(posture.path):
+        raise ValueError(f"posture: expected what hold, along or damp give, or None, got {shown(posture)}")
+    number("posture.omega", posture.omega, at_least=0, unit="1/s")
+    if posture.damping is not None:
+        number("posture.damping", posture.damping, at_least=0, unit="1/s")
+
+
 def hold(q: np.ndarray, omega: float) -> Posture:
     """One posture (n,) rad, at omega [1/s]."""
-    q = np.array(q, dtype=float)
-    if q.ndim != 1 or not np.isfinite(q).all():
-        raise ValueError(f"q: expected (n,) finite numbers in rad, got {q!r}")
-    return Posture(Still(q), _positive(omega))
+    return Posture(Still(numbers("q", q, (None,), "rad").copy()), number("omega", omega, 0, unit="1/s"))
 
 
 def damp(n: int, rate: float) -> Posture:
     """No posture of n joints: what the task leaves over comes to rest as exp(-rate t), rate in 1/s, wherever it is."""
-    return Posture(Still(np.zeros(n)), 0.0, _positive(rate))
+    if not isinstance(n, int | np.integer) or n < 1:
+        raise ValueError(f"n: expected a whole number of joints > 0, got {shown(n)}")
+    return Posture(Still(np.zeros(n)), 0.0, number("rate", rate, 0, unit="1/s"))
 
 
 def along(times: np.ndarray, postures: np.ndarray, omega: float) -> Posture:
-    """Postures (N, n) rad at times (N,) s, smoothly in between and at rest at both ends, at omega [1/s]."""
+    """Postures (N, n) rad at times (N,) s, smoothly in between and at rest at both ends, at omega [1/s].
+
+    Raises
+    ------
+    ValueError
+        Other shapes, numbers that are not finite, fewer than two times, or times that do not rise; omega not positive.
+    """
+    times = numbers("times", times, (None,), "s")
+    if len(times) < 2 or not (np.diff(times) > 0).all():
+        raise ValueError(f"times: expected two or more numbers in s that rise, got {shown(times)}")
+    postures, omega = numbers("postures", postures, (len(times), None), "rad"), number("omega", omega, 0, unit="1/s")
     spline = CubicSpline(times, postures, bc_type="clamped")
-    return Posture(Through(spline, spline.derivative(), times[0], times[-1]), _positive(omega))
+    return Posture(Through(spline, spline.derivative(), times[0], times[-1]), omega)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +88,6 @@ class Through:
         """Joint angles and velocities at time t [s]."""
         inside = min(max(t, self.first), self.last)
         return self.angles(inside), self.rates(inside)
-
-
-def _positive(omega: float) -> float:
-    if not 0 < omega < np.inf:
-        raise ValueError(f"omega: expected a positive number in 1/s, got {omega!r}")
-    return omega
 
 
 LEAST = 1e-9  # of the mean of J M^-1 J^T's eigenvalues: added to all, so that a singular posture has an answer too

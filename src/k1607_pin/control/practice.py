@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from k1607_pin.control.adaptation import Gains, adapted, gain_rates
+from k1607_pin.arguments import as_floats, number, numbers, shown
+from k1607_pin.control.adaptation import Gains, adapted, checked_gains, gain_rates
 from k1607_pin.control.reference_model import ReferenceModel
 
 
@@ -36,16 +37,19 @@ class Practice:
     """Whether the model's gravity torque is added; the arm's, without payload"""
 
     def __post_init__(self) -> None:
-        for name in ("sigma", "gain_bound", "dead_zone"):
-            if not np.all(np.asarray(getattr(self, name), dtype=float) >= 0):
-                raise ValueError(f"{name}: expected numbers >= 0, got {getattr(self, name)!r}")
-        if not self.velocity_cutoff > 0:
-            raise ValueError(f"velocity_cutoff: expected a positive number in rad/s, got {self.velocity_cutoff!r}")
+        number("sigma", self.sigma, at_least=0, unit="1/s")
+        number("gain_bound", self.gain_bound, at_least=0, finite=False)
+        number("velocity_cutoff", self.velocity_cutoff, 0, unit="rad/s", finite=False)
+        expected = "one number >= 0 or (m,) of them"
+        zone = as_floats("dead_zone", self.dead_zone, expected)
+        if zone.ndim > 1 or not (zone >= 0).all():
+            raise ValueError(f"dead_zone: expected {expected}, got {shown(self.dead_zone)}")
         if self.torque_limit is not None:
-            limit = np.array(self.torque_limit, dtype=float)
+            expected = "(n,) positive numbers in N m"
+            limit = as_floats("torque_limit", self.torque_limit, expected)
             if limit.ndim != 1 or not (limit > 0).all():
-                raise ValueError(f"torque_limit: expected (n,) positive numbers in N m, got {self.torque_limit!r}")
-            object.__setattr__(self, "torque_limit", limit)
+                raise ValueError(f"torque_limit: expected {expected}, got {shown(self.torque_limit)}")
+            object.__setattr__(self, "torque_limit", limit.copy())
 
     def check(self, n: int, m: int, start: Gains) -> None:
         """Refuse, by `ValueError`, a torque limit that is not (n,), a dead zone that is neither one number nor (m,), and a gain
@@ -142,13 +146,18 @@ def adaptation_rates(gains: Gains, model: ReferenceModel, disturbance: Any, rate
     Raises
     ------
     ValueError
-        A disturbance that is zero or not (m,) finite numbers, a negative rate.
+        A disturbance that is zero or not (m,) finite numbers, a negative rate, gains that are not positive definite.
     """
-    d, still = np.array(disturbance, dtype=float), np.zeros(len(gains.K_p))
-    if d.shape != still.shape or not np.isfinite(d).all() or not d.any():
+    if not isinstance(model, ReferenceModel):
+        raise ValueError(f"model: expected a ReferenceModel, got {shown(model)}")
+    gains = checked_gains(gains, len(model.P_2))
+    for name, k in zip(Gains._fields, gains, strict=True):
+        if not (least := np.linalg.eigvalsh(k + k.T)[0] / 2) > 0:
+            raise ValueError(f"gains: expected a positive definite {name}, got an eigenvalue of {least:.3g}")
+    still = np.zeros(len(gains.K_p))
+    if not (d := numbers("disturbance", disturbance, still.shape)).any():
         raise ValueError(f"disturbance: expected ({len(still)},) finite numbers, not all zero, got {disturbance!r}")
-    if not 0 <= rate < np.inf:
-        raise ValueError(f"rate: expected a number >= 0 in 1/s, got {rate!r}")
+    rate = number("rate", rate, at_least=0, unit="1/s")
     P_2, P_3 = model.P_2, model.P_3
     of_K_p = gain_rates(P_2, P_3, 1.0, 1.0, np.linalg.solve(gains.K_p, d), still).K_p
     of_K_d = gain_rates(P_2, P_3, 1.0, 1.0, still, np.linalg.solve(gains.K_d, d)).K_d

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov
 
+from k1607_pin.arguments import as_floats, number, numbers
+
 
 @dataclass(frozen=True)
 class ReferenceModel:
@@ -31,6 +33,7 @@ class ReferenceModel:
 
     def response(self, z_0: np.ndarray, t: float) -> np.ndarray:
         """(2m,) state of the model at time t [s] from z_0 (2m,), (53)."""
+        t, z_0 = number("t", t, unit="s"), numbers("z_0", z_0, (len(self.Delta),))
         return expm(self.Delta * t) @ z_0
 
 
@@ -54,9 +57,7 @@ def reference_model(Delta_1: np.ndarray, Delta_2: np.ndarray, Q: np.ndarray | No
     Delta = np.block([[np.zeros((m, m)), np.eye(m)], [-Delta_1, -Delta_2]])
     if (slowest := np.linalg.eigvals(Delta).real.max()) >= 0:
         raise ValueError(f"Delta_1, Delta_2: expected a stable model, got an eigenvalue of real part {slowest:.3g}")
-    Q = np.eye(2 * m) if Q is None else np.asarray(Q, dtype=float)
-    if Q.shape != (2 * m, 2 * m) or not np.isfinite(Q).all():
-        raise ValueError(f"Q: expected a finite ({2 * m}, {2 * m}) matrix, got shape {Q.shape}")
+    Q = np.eye(2 * m) if Q is None else numbers("Q", Q, (2 * m, 2 * m))
     if np.abs(Q - Q.T).max() > 1e-12 * np.abs(Q).max() or np.linalg.eigvalsh(Q)[0] <= 0:
         raise ValueError("Q: expected a symmetric positive definite matrix")
     P = solve_continuous_lyapunov(Delta.T, -Q)
@@ -64,9 +65,10 @@ def reference_model(Delta_1: np.ndarray, Delta_2: np.ndarray, Q: np.ndarray | No
 
 
 def _square(x: np.ndarray, name: str) -> np.ndarray:
-    x = np.asarray(x, dtype=float)
+    expected = "(m,) or (m, m) finite numbers"
+    x = as_floats(name, x, expected)
     if x.ndim == 1:
         x = np.diag(x)
-    if x.ndim != 2 or x.shape[0] != x.shape[1] or not len(x) or not np.isfinite(x).all():
-        raise ValueError(f"{name}: expected finite (m,) or (m, m), got shape {x.shape}")
-    return x
+    if x.ndim != 2 or x.shape[0] != x.shape[1] or not len(x):
+        raise ValueError(f"{name}: expected {expected}, got shape {x.shape}")
+    return numbers(name, x)

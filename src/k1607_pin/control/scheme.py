@@ -16,6 +16,8 @@ from k1607_pin.control.reference_model import ReferenceModel
 def checked_scheme(gains: Gains, model: ReferenceModel, beta_1: float, beta_2: float, period: float, m: int) -> Gains:
     """K(0) as floats, when everything fits errors of m entries; else a `ValueError` that says what does not."""
     gains = checked_gains(gains, m)
+    if not isinstance(model, ReferenceModel):
+        raise ValueError(f"model: expected a ReferenceModel of {m} systems, got {shown(model)}")
     if model.P_2.shape != (m, m):
         raise ValueError(f"model: expected one of {m} systems, got {len(model.P_2)}")
     check_adaptation(beta_1, beta_2, period)
@@ -45,8 +47,8 @@ def postures_of(arm: Arm, q: Any) -> np.ndarray:
 
 
 def named(name: str, check: Callable[..., Any], *arguments: Any) -> Any:
-    """What ``check`` gives; its complaint, which does not know the field, gets the field's name."""
+    """What ``check`` gives; its complaint, which names a field of one loop, is put under the other's name."""
     try:
         return check(*arguments)
     except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
+        raise ValueError(f"{name}{error}") from None
