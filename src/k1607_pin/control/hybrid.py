@@ -190,7 +190,8 @@ class HybridAdaptive:
             return  # links without inertia: kinematics alone, whose loop nobody knows
         turn = np.kron(np.eye(2), self.compliance)
         mobility = turn.T @ J @ np.linalg.solve(M, J.T) @ turn
-        selections = [self.mode(0.0)[0]] if callable(self.modes) else [mode.selection for mode in self.modes]
+        modes: Any = self.modes
+        selections = [self.mode(0.0)[0]] if callable(modes) else [mode.selection for mode in modes]
 
         def smoothing(period: float) -> float:
             return float(1 - np.exp(-self.practice.velocity_cutoff * period))
