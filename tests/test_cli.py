@@ -161,8 +161,8 @@ def test_compare_goes_on_where_it_was_stopped(tmp_path):
             time.sleep(0.01)
         helpers = psutil.Process(process.pid).children(recursive=True)
         stop(process)
-        _, told = process.communicate(timeout=60)
-        assert not psutil.wait_procs(helpers, timeout=20)[1]  # none is left behind
+        _, told = process.communicate(timeout=600)
+        assert not psutil.wait_procs(helpers, timeout=600)[1]  # none is left behind
         return process.returncode, told
 
     assert stopped_after(2, lambda process: process.kill())[0] == -signal.SIGKILL
@@ -241,6 +241,5 @@ def test_view_serves_until_interrupted():
     assert process.stdout is not None
     line = process.stdout.readline()
     assert "http://127.0.0.1:" in line
-    time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=20) == 0
+    assert process.wait(timeout=600) == 0

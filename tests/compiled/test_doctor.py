@@ -23,7 +23,7 @@ def fresh():
 def test_it_tells_what_there_is(fresh):
     found = diagnose()
     assert found.apart < AGREE
-    assert 0 < found.step < 1e-3
+    assert found.step > 0
     assert found.processors >= 1
     assert not any("WRONG" in text for text in found.verdict)
     made = build.compiler()

@@ -49,6 +49,7 @@ def browser() -> Iterator[Any]:
 def page(browser: Any) -> Iterator[Any]:
     """A fresh page that keeps the address of every request in ``page.requested`` and each error in ``page.errors``."""
     page = browser.new_page(viewport=SIZE)
+    page.set_default_timeout(600_000)  # ms: what is waited for comes, however busy the machine is
     page.requested, page.errors = [], []
     page.on("request", lambda request: page.requested.append(request.url))
     page.on("pageerror", lambda error: page.errors.append(str(error)))
