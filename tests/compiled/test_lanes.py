@@ -80,9 +80,12 @@ def samples(name):
     if name not in EXACT:
         true = getattr(mpmath, MP_NAMES.get(name, name))
         with mpmath.workprec(120):
-            for k in np.flatnonzero(np.isfinite(out) & np.isfinite(x) & (np.isfinite(y) | (name not in BINARY))):
-                value = true(*map(mpmath.mpf, (x[k], y[k]) if name in BINARY else (x[k],)))
-                out[k] = np.copysign(float(value), out[k])  # mpmath knows no -0, as which C tells -pi from pi
+            of_two = name in BINARY
+            for k in np.flatnonzero(
+                np.isfinite(out) & np.isfinite(x) & (x != 0) & (np.isfinite(y) & (y != 0) | (not of_two))
+            ):
+                value = true(*map(mpmath.mpf, (x[k], y[k]) if of_two else (x[k],)))
+                out[k] = np.copysign(float(value), out[k])  # mpmath knows no -0
     return x, y, out
 
 
