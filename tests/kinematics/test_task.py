@@ -59,16 +59,16 @@ def test_on_symbols_it_is_what_it_is_on_numbers(task):
     rng = np.random.default_rng(3)
     arguments = [*pose(rng), *pose(rng), rng.normal(size=(6, 5))]
     p_d, R_d, p, R, J = arguments
-    for wanted, R in (
+    for wanted, here in (
         (R_d, R),
         (np.eye(3), np.eye(3)),
         (np.diag([1.0, -1.0, -1.0]), np.eye(3)),
     ):  # off, there, opposite
         f = trace(lambda *x: (task.error(*x[:4]), task.rows(x[4], x[3]), task.rows(x[4][:, 0], x[3])), "f", SHAPES)
-        e, rows, column = (np.array(x) for x in f(*(np.ravel(x) for x in (p_d, wanted, p, R, J))))
-        np.testing.assert_allclose(e.ravel(), task.error(p_d, wanted, p, R), atol=1e-14)
-        np.testing.assert_allclose(rows.reshape(task.size, 5), task.rows(J, R), atol=1e-14)
-        np.testing.assert_allclose(column.ravel(), task.rows(J[:, 0], R), atol=1e-14)
+        e, rows, column = (np.array(x) for x in f(*(np.ravel(x) for x in (p_d, wanted, p, here, J))))
+        np.testing.assert_allclose(e.ravel(), task.error(p_d, wanted, p, here), atol=1e-14)
+        np.testing.assert_allclose(rows.reshape(task.size, 5), task.rows(J, here), atol=1e-14)
+        np.testing.assert_allclose(column.ravel(), task.rows(J[:, 0], here), atol=1e-14)
 
 
 @pytest.mark.parametrize("task", TASKS, ids=str)
