@@ -19,9 +19,10 @@ from k1607_pin.control.adaptation import Gains, checked_gains, proportional_deri
 from k1607_pin.control.finite import entering, finite_only
 from k1607_pin.control.joint_space import ERRORS, JointPath, check_path, errors
 from k1607_pin.control.posture import Posture, check_posture, posture_torque
-from k1607_pin.control.singular import force_for, require_regular
+from k1607_pin.control.singular import DAMPED, few, force_for, require_regular
 from k1607_pin.dynamics.linear import smallest_eigenvalue
 from k1607_pin.kinematics.differential import Damping
+from k1607_pin.kinematics.task import POSE, task_of
 
 Log = dict[str, Any]
 NEEDED = ("position", "velocity", "acceleration")
@@ -121,9 +122,17 @@ class OperationalSpaceControl:
     damping: Damping | None = None
     """Of Lambda near singular postures, by the smallest singular value of J, as in `Arm.operational_space`; None for none"""
 
-    variables: ClassVar = pose.ERRORS
+    task: Any = POSE
+    """`Task` or its name: what part of the path's poses counts, "pose", "position" or "axis"; Lambda is of its rows. That those of
+    an axis turn with the tool's spin about it is left out."""
+
+    @property
+    def variables(self) -> pose.Variables:
+        """What it logs: dimensions and units."""
+        return pose.logged_of(self.task, pose.ERRORS)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "task", task_of(self.task))
         number("omega", self.omega, 0, unit="1/s")
         if self.damping is not None and not isinstance(self.damping, Damping):
             raise ValueError(f"damping: expected a Damping or None, got {shown(self.damping)}")
@@ -134,9 +143,11 @@ class OperationalSpaceControl:
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> None:
         """No state; refuses a singular posture."""
         q, v = entering(self.arm.n, 0.0, q, v, None)
-        pose.check_path(self.path, self.rotation, duration, NEEDED)
+        task = self.task
+        pose.check_path(self.path, self.rotation, duration, NEEDED, task)
         if self.damping is None:
-            require_regular(self.arm.jacobian(q))
+            J, R = self.arm.jacobian(q), self.arm.forward_kinematics(q).rotation
+            require_regular(task.rows(J, R), few(self.arm.n) if self.arm.n < task.size else DAMPED)
 
     def initial(self, q: Any, v: Any) -> None:
         """No state, whatever the posture."""
@@ -144,18 +155,19 @@ class OperationalSpaceControl:
     @finite_only
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: None) -> tuple[np.ndarray, None, Log]:
         """Torque (n,) N m, and the errors."""
-        arm, wanted = self.arm, self.path(t)
-        tool, J, M = arm.forward_kinematics(q), arm.jacobian(q), arm.mass_matrix(q)
-        R = rotation_of(wanted, self.rotation)
-        error = pose.pose_error(tool.translation, tool.rotation, wanted.position, R)
-        error_rate = pose.wanted_velocity(wanted) - J @ v
-        wish = pose.wanted_acceleration(wanted) + 2 * self.omega * error_rate + self.omega**2 * error
-        mobility = J @ np.linalg.solve(M, J.T)  # (6, 6) Lambda^-1
+        arm, task, wanted = self.arm, self.task, self.path(t)
+        tool, M = arm.forward_kinematics(q), arm.mass_matrix(q)
+        here, R = tool.rotation, rotation_of(wanted, self.rotation)
+        J = task.rows(arm.jacobian(q), here)  # (m, n)
+        error = task.error(wanted.position, R, tool.translation, here)
+        error_rate = task.rows(pose.wanted_velocity(wanted), here) - J @ v
+        wish = task.rows(pose.wanted_acceleration(wanted), here) + 2 * self.omega * error_rate + self.omega**2 * error
+        mobility = J @ np.linalg.solve(M, J.T)  # (m, m) Lambda^-1
         if self.damping:
             JJT = J @ J.T
             share = self.damping.squared(smallest_eigenvalue(JJT)) / np.trace(JJT)
-            mobility = mobility + share * np.trace(mobility) * np.eye(6)
-        force = force_for(mobility, wish - arm.jacobian_time_variation(q, v) @ v, J)
+            mobility = mobility + share * np.trace(mobility) * np.eye(task.size)
+        force = force_for(mobility, wish - task.rows(arm.jacobian_time_variation(q, v) @ v, here), J)
         torque = J.T @ force + arm.bias_torque(q, v)
         if self.posture:
             torque = torque + posture_torque(M, J, q, v, *self.posture.path(t), *self.posture[1:])

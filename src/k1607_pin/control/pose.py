@@ -10,7 +10,7 @@ from k1607_pin.arguments import as_floats, number, numbers, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import RIGID
 from k1607_pin.arm.reach import follow, rotation_of
-from k1607_pin.kinematics.orientation import orientation_error
+from k1607_pin.kinematics.task import POSE, POSITION, Task
 
 logger = logging.getLogger(__name__)
 
@@ -18,7 +18,10 @@ PosePath = Callable[[float], Any]
 """Time [s] -> wanted .position, .velocity, .acceleration (3,) of the tool's origin, and, where the tool is to turn, .rotation
 (3, 3) tool in base, .angular_velocity and .angular_acceleration (3,); base axes, SI. Accelerations where a law asks for them."""
 
-ERRORS: dict[str, tuple[tuple[str, ...], str]] = {
+Variables = dict[str, tuple[tuple[str, ...], str]]
+"""Name of what is logged -> its dimensions, unit"""
+
+ERRORS: Variables = {
     "error": (("direction",), "m, rad"),
     "error_rate": (("direction",), "m/s, rad/s"),
     "wanted_position": (("axis",), "m"),
@@ -32,7 +35,7 @@ ERRORS: dict[str, tuple[tuple[str, ...], str]] = {
 
 def pose_error(position: Any, rotation: Any, wanted_position: Any, wanted_rotation: Any) -> Any:
     """(6,) x_e of (41): wanted less actual position [m], and 2 delta s of R_d R^T [rad]."""
-    return np.concatenate([wanted_position - position, orientation_error(wanted_rotation, rotation)])
+    return POSE.error(wanted_position, wanted_rotation, position, rotation)
 
 
 def wanted_velocity(point: Any) -> Any:
@@ -49,8 +52,16 @@ def _turning(point: Any, name: str) -> Any:
     return np.zeros(3) if rotation_of(point, None) is None else getattr(point, name)
 
 
+def logged_of(task: Task, variables: Variables) -> Variables:
+    """Dimensions and units of what a law of a task logs: of a part of a pose there are fewer rows than directions."""
+    if task == POSE:
+        return variables
+    rows = {"direction": "task_row"}
+    return {name: (tuple(rows.get(dim, dim) for dim in dims), unit) for name, (dims, unit) in variables.items()}
+
+
 def errors(error: Any, error_rate: Any, wanted: Any) -> dict[str, Any]:
-    """What the laws of the tool log: errors (6,), and what the path's point wanted."""
+    """What the laws of the tool log: errors (m,) of their task, and what the path's point wanted."""
     return {
         "error": error,
         "error_rate": error_rate,
@@ -72,13 +83,14 @@ def checked_rotation(name: str, rotation: Any) -> np.ndarray:
     return R.copy()
 
 
-def check_path(path: PosePath, held: Any, duration: float, needed: tuple[str, ...]) -> None:
+def check_path(path: PosePath, held: Any, duration: float, needed: tuple[str, ...], task: Task = POSE) -> None:
     """Refuse a path whose points at 0 and ``duration`` [s] are not what a law needs.
 
     Parameters
     ----------
     held : (3, 3) orientation for a path without; None for one with its own.
     needed : of position, velocity, acceleration; of the angular ones as much, if the points have a rotation.
+    task : what counts of a pose; the orientation does not where it is the position.
 
     Raises
     ------
@@ -89,11 +101,12 @@ def check_path(path: PosePath, held: Any, duration: float, needed: tuple[str, ..
         raise ValueError(f"path: expected a function of time, got {shown(path)}")
     for t in (0.0, number("duration", duration, 0, unit="s")):
         point = path(t)
-        if (R := rotation_of(point, held)) is None:
+        if (R := rotation_of(point, held)) is None and task != POSITION:
             raise ValueError(
                 f"rotation: expected (3, 3), as the path's point at t = {t:g} s has none of its own, got None"
             )
-        checked_rotation(f"path({t:g}).rotation", R)
+        if R is not None:
+            checked_rotation(f"path({t:g}).rotation", R)
         turns = rotation_of(point, None) is not None
         for name in (*needed, *(f"angular_{name}" for name in needed if turns and name != "position")):
             x = getattr(point, name, None)

@@ -5,28 +5,37 @@ from typing import Any
 import numpy as np
 
 from k1607_pin.arm.arm import SQUARED_RANK_TOLERANCE, Arm
+from k1607_pin.dynamics.linear import inverse_definite, solve_definite
 from k1607_pin.dynamics.operational_space import singular_values
 from k1607_pin.kinematics.differential import SingularJacobianError
+from k1607_pin.kinematics.task import POSE, Task
 
 DAMPED = "start elsewhere, or give the law damping=Damping(...), with which the tool lags near a singular posture"
 
 
-def cartesian_inertia(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """(6, 6) Lambda at rest in q (n,), for gains in proportion to it.
+def cartesian_inertia(arm: Arm, q: np.ndarray, task: Task = POSE) -> np.ndarray:
+    """(m, m) Lambda in q (n,) of a task of m rows, for gains in proportion to it.
 
     Raises
     ------
     SingularJacobianError
         There is none, and what to take instead.
     """
-    try:
+    J = task.rows(arm.jacobian(q), arm.forward_kinematics(q).rotation)  # (m, n)
+    require_regular(J, OTHERS if arm.n >= task.size else few(arm.n))
+    if task == POSE:
         return arm.operational_space(q, np.zeros(arm.n)).Lambda
-    except SingularJacobianError as error:
-        raise SingularJacobianError(error.sigma_min, error.threshold, OTHERS if arm.n >= 6 else FEW) from None
+    return inverse_definite(J @ solve_definite(arm.mass_matrix(q), J.T))
 
 
 OTHERS = "take other postures for gains, such as k1607_pin.arm.ready.ready_postures(arm), far from singular ones"
-FEW = "fewer than six joints do not move a tool in six directions; JointAdaptive with gains_from_mass(arm, q, omega) does without"
+
+
+def few(n: int) -> str:
+    """What n joints can do that do not move a tool in as many directions as were asked for."""
+    tasks = [f"task={name!r}" for name, rows in (("axis", 5), ("position", 3)) if n >= rows]
+    without = "JointAdaptive with gains_from_mass(arm, q, omega), which controls the joints"
+    return f"{n} joint{'s' * (n > 1)} cannot move a tool in so many directions: take {' or '.join([*tasks, without])}"
 
 
 def require_regular(J: np.ndarray, remedy: str = DAMPED) -> None:
