@@ -211,7 +211,7 @@ def test_starts(reference, name):
 def test_every_number_of_a_law_has_its_door(reference):
     """So that a new one is not forgotten here."""
     other = {"arm", "path", "modes", "sensor", "gains", "force_gains", "model", "force_model", "posture", "practice",
-             "force_practice", "damping"}  # fmt: skip
+             "force_practice", "damping", "task"}  # fmt: skip
     for name in DOORS[:6]:
         make, _, numeric = doors(reference)[name]
         assert {field.name for field in fields(make)} - other == set(numeric)

@@ -1,4 +1,4 @@
-"""Laws of the tool for arms of three to five joints: position and axis goals, simulated and compiled, and what to type instead."""
+"""Laws of the tool for arms of three to five joints: goals of position and axis, simulated, compiled, and refused with advice."""
 
 import numpy as np
 import pinocchio as pin

@@ -123,8 +123,8 @@ class OperationalSpaceControl:
     """Of Lambda near singular postures, by the smallest singular value of J, as in `Arm.operational_space`; None for none"""
 
     task: Any = POSE
-    """`Task` or its name: what part of the path's poses counts, "pose", "position" or "axis"; Lambda is of its rows. That those of
-    an axis turn with the tool's spin about it is left out."""
+    """`Task` or its name: what part of the path's poses counts, "pose", "position" or "axis"; Lambda is of its rows. That the
+    tool's spin about an axis turns its rows is left out."""
 
     @property
     def variables(self) -> pose.Variables:
