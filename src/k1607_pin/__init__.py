@@ -19,6 +19,7 @@ from k1607_pin.compiled.sweep import sweep
 from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.compiled.tune import Tuned, tune
 from k1607_pin.control.cartesian import CartesianAdaptive
+from k1607_pin.control.finite import NotFiniteError
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
 from k1607_pin.kinematics.task import Task
 from k1607_pin.simulation.plant import Plant
@@ -34,6 +35,7 @@ __all__ = [
     "Listed",
     "LogUniform",
     "Normal",
+    "NotFiniteError",
     "Payload",
     "Plant",
     "Scaled",

@@ -164,20 +164,36 @@ def test_bad_gains_and_models_are_refused_by_name(reference, name):
             make(**good | {"gains": Gains(K_p, 0 * K_d)})
 
 
+@pytest.mark.parametrize("name", DOORS[:3])
+def test_practice(reference, name):
+    make, good, _ = doors(reference)[name]
+    for bad in (None, 0.1, {}):
+        with pytest.raises(ValueError, match="practice: expected a Practice, got"):
+            make(**good | {"practice": bad})
+    for bad in (Practice(torque_limit=np.ones(3)), Practice(dead_zone=np.ones(2))):
+        with pytest.raises(ValueError, match=r"torque_limit|dead_zone"):
+            make(**good | {"practice": bad})
+
+
 def test_gravity_pd_s_gains(reference):
     for bad in (None, SIX, *(Gains(bad, np.eye(7)) for bad in bad_for(np.eye(7), set()))):
         with pytest.raises(ValueError, match="gains"):
             GravityPD(reference, lambda t: None, bad)
 
 
+def still_posture(t):
+    return np.zeros(7), np.zeros(7)
+
+
 @pytest.mark.parametrize("name", ["CartesianAdaptive", "HybridAdaptive", "OperationalSpaceControl"])
 def test_postures(reference, name):
     make, good, _ = doors(reference)[name]
     bad_numbers = list(bad_for(1.0, NOT_NEGATIVE))
-    postures = [Posture(good["path"], bad) for bad in bad_numbers] + [
-        Posture(good["path"], 1.0, bad) for bad in bad_numbers
+    postures = [Posture(still_posture, bad) for bad in bad_numbers] + [
+        Posture(still_posture, 1.0, bad) for bad in bad_numbers
     ]
-    for bad in (0.5, np.zeros(7), Posture(None, 1.0), *postures):
+    shapes = [hold(np.zeros(6), 1.0), Posture(lambda t: np.zeros(7), 1.0), Posture(lambda t: (np.zeros(7), None), 1.0)]
+    for bad in (0.5, np.zeros(7), Posture(None, 1.0), *postures, *shapes):
         with pytest.raises(ValueError, match="posture"):
             make(**good | {"posture": bad})
 

@@ -8,6 +8,7 @@ import k1607_pin as k1607
 from k1607_pin.control.adaptation import Gains
 from k1607_pin.control.baselines import OperationalSpaceControl
 from k1607_pin.control.cartesian import CartesianAdaptive, gains_from_inertia
+from k1607_pin.control.hybrid import hybrid_gains
 from k1607_pin.control.posture import hold
 from k1607_pin.control.practice import Practice
 from k1607_pin.control.reference_model import reference_model
@@ -113,6 +114,13 @@ def test_advice_can_be_typed(arms, n, task, words):
     law = OperationalSpaceControl(arm, Line(tool.translation), tool.rotation, 5.0, task=task)
     with pytest.raises(SingularJacobianError, match=words):
         law.start(q, 0 * q, 1.0)
+
+
+def test_the_hybrid_scheme_needs_six_joints(arms):
+    with pytest.raises(
+        ValueError, match=r"arm: expected six joints or more, .* got 5; CartesianAdaptive takes task='axis'"
+    ):
+        hybrid_gains(arms[5], READY[:5], 1e4, 5.0, 20.0)
 
 
 def test_a_whole_pose_is_what_it_was(arms):

@@ -147,7 +147,7 @@ def test_sensors_and_postures_are_named(laws, value):
         with pytest.raises(NotFiniteError, match=r"^sensor\(0.5, q, v\): "), np.errstate(all="ignore"):
             replace(law, sensor=lambda t, q, v, reads=reads: reads).update(0.5, Q, V, state)
     law, state = laws["Cartesian"]
-    posture = Posture(lambda t: (spoilt(Q, value), 0 * Q), 5.0)
+    posture = Posture(lambda t: (spoilt(Q, value) if t > 0 else Q, 0 * Q), 5.0)
     with pytest.raises(NotFiniteError, match=r"^posture\.path\(0.5\), angles: "), np.errstate(all="ignore"):
         replace(law, posture=posture).update(0.5, Q, V, state)
 

@@ -17,7 +17,7 @@ from k1607_pin.control.singular import force_for
 from k1607_pin.dynamics.linear import smallest_eigenvalue
 from k1607_pin.kinematics.differential import Damping, SingularJacobianError
 from k1607_pin.paths.report_paths import Line
-from k1607_pin.simulation.simulate import simulate
+from k1607_pin.simulation.simulate import SimulationError, simulate
 
 DAMPING = Damping()
 
@@ -94,6 +94,23 @@ def test_it_drives_out_of_a_singular_posture(reference):
     log = simulate(reference, law, q, 1.0, control_period=0.002)
     assert np.abs(log.tau.values).max() < 1e3
     assert np.isfinite(log.q.values).all()
+
+
+def test_a_run_into_a_singular_posture_ends_with_its_log(reference):
+    """The law is told of a singular posture at its fifth sample."""
+    q = ready_postures(reference)[0]
+    law = law_at(reference, q)
+
+    class Told:
+        start = law.start
+
+        def update(self, t, q, v, state):
+            return law.update(t, 0 * q if t > 0.035 else q, v + 0.1, state)
+
+    with pytest.raises(SimulationError, match="smallest singular value") as caught:
+        simulate(reference, Told(), q, 0.1)
+    assert caught.value.log.sizes["time"] == 4
+    assert isinstance(caught.value.__cause__, SingularJacobianError)
 
 
 def test_damping_rolls_out_compiled_as_it_is_simulated(reference):

@@ -136,7 +136,7 @@ class OperationalSpaceControl:
         number("omega", self.omega, 0, unit="1/s")
         if self.damping is not None and not isinstance(self.damping, Damping):
             raise ValueError(f"damping: expected a Damping or None, got {shown(self.damping)}")
-        check_posture(self.posture)
+        check_posture(self.posture, self.arm.n)
         if self.rotation is not None:
             object.__setattr__(self, "rotation", pose.checked_rotation("rotation", self.rotation))
 

@@ -22,7 +22,7 @@ from k1607_pin.control.pose import (
     wanted_velocity,
 )
 from k1607_pin.control.posture import Posture, check_posture
-from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
+from k1607_pin.control.practice import OFF, AdaptiveState, Practice, check_practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.control.scheme import checked_scheme, other_torque, postures_of
 from k1607_pin.control.singular import cartesian_inertia
@@ -131,8 +131,8 @@ class CartesianAdaptive:
             object.__setattr__(self, "rotation", checked_rotation("rotation", self.rotation))
         gains = checked_scheme(self.gains, self.model, self.beta_1, self.beta_2, self.period, m)
         object.__setattr__(self, "gains", gains)
-        check_posture(self.posture)
-        self.practice.check(self.arm.n, m, gains)
+        check_posture(self.posture, self.arm.n)
+        check_practice("practice", self.practice, self.arm.n, m, gains)
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> AdaptiveState:
         """The initial gains, when there is a posture for every point of the path up to ``duration`` [s].

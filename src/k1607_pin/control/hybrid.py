@@ -20,7 +20,7 @@ from k1607_pin.control.hybrid_law import HybridState, HybridStep, Loop, hybrid_a
 from k1607_pin.control.modes import Mode, Modes, checked_modes, mode_at
 from k1607_pin.control.pose import PosePath, check_path, check_reach, checked_rotation, wanted_velocity
 from k1607_pin.control.posture import Posture, check_posture
-from k1607_pin.control.practice import OFF, Practice, filtered
+from k1607_pin.control.practice import OFF, Practice, check_practice, filtered
 from k1607_pin.control.reference_model import ReferenceModel
 from k1607_pin.control.scheme import checked_scheme, named, other_torque
 
@@ -127,10 +127,11 @@ class HybridAdaptive:
         object.__setattr__(self, "modes", checked_modes(self.modes))
         if not callable(self.sensor):
             raise ValueError(f"sensor: expected a function of time, q and v, got {shown(self.sensor)}")
-        check_posture(self.posture)
-        self.practice.check(self.arm.n, 6, gains)
-        named("force_practice.", self.force_practice.check, self.arm.n, 6, per_stiffness(force_gains, self.stiffness))
-        closing = per_stiffness(force_gains, self.stiffness).K_p
+        check_posture(self.posture, self.arm.n)
+        check_practice("practice", self.practice, self.arm.n, 6, gains)
+        per = per_stiffness(force_gains, self.stiffness)
+        named("force_", check_practice, "practice", self.force_practice, self.arm.n, 6, per)
+        closing = per.K_p
         if not np.linalg.eigvalsh((closing + closing.T) / 2)[0] > 0:
             raise ValueError(
                 "force_gains: expected K^-1 (1 + K_p) with a positive definite symmetric part, K the stiffness; else the loop "

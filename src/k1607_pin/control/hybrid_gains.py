@@ -57,12 +57,17 @@ def hybrid_gains(
     ------
     ValueError
         A stiffness or an omega that is not positive, a damping that is negative, a compliance that is no rotation; a period
-        without a selection.
+        without a selection; fewer than six joints.
     SingularJacobianError
-        A singular posture, or fewer than six joints.
+        A singular posture.
     UnstableGainsError
         The sampled loop runs away; the largest omega is named.
     """
+    if arm.n < 6:
+        raise ValueError(
+            f"arm: expected six joints or more, as the scheme controls the tool in six directions, got {arm.n}; "
+            "CartesianAdaptive takes task='axis' or task='position'"
+        )
     q, K = numbers("q", q, (arm.n,), "rad"), checked_stiffness(stiffness)
     omega, force_omega = number("omega", omega, 0, unit="1/s"), number("force_omega", force_omega, 0, unit="1/s")
     damping, force_damping = number("damping", damping, at_least=0), number("force_damping", force_damping, at_least=0)

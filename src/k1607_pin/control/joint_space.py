@@ -11,7 +11,7 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
 from k1607_pin.control.finite import entering, finite_only
 from k1607_pin.control.pose import pose_error
-from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
+from k1607_pin.control.practice import OFF, AdaptiveState, Practice, check_practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel, reference_model
 from k1607_pin.control.scheme import checked_scheme, postures_of
 
@@ -102,7 +102,7 @@ class JointAdaptive:
         n = self.arm.n
         gains = checked_scheme(self.gains, self.model, self.beta_1, self.beta_2, self.period, n)
         object.__setattr__(self, "gains", gains)
-        self.practice.check(n, n, gains)
+        check_practice("practice", self.practice, n, n, gains)
 
     def start(self, q: np.ndarray, v: np.ndarray, duration: float) -> AdaptiveState:
         """The initial gains, when the path's points from 0 to ``duration`` [s] are what they should be."""

@@ -22,8 +22,8 @@ class Posture(NamedTuple):
     """1/s, by which velocities other than the wanted ones are slowed; None for critical damping, 2 omega"""
 
 
-def check_posture(posture: Posture | None) -> None:
-    """Refuse, by `ValueError`, what is neither None nor a path with an omega and a damping >= 0."""
+def check_posture(posture: Posture | None, n: int) -> None:
+    """Refuse, by `ValueError`, what is neither None nor a path of n joints with an omega and a damping >= 0."""
     if posture is None:
         return
     if not isinstance(posture, Posture) or not callable(posture.path):
@@ -31,6 +31,11 @@ def check_posture(posture: Posture | None) -> None:
     number("posture.omega", posture.omega, at_least=0, unit="1/s")
     if posture.damping is not None:
         number("posture.damping", posture.damping, at_least=0, unit="1/s")
+    wanted = posture.path(0.0)
+    if not isinstance(wanted, tuple) or len(wanted) != 2:
+        raise ValueError(f"posture.path(0): expected joint angles and velocities, got {shown(wanted)}")
+    numbers("posture.path(0), angles", wanted[0], (n,), "rad")
+    numbers("posture.path(0), velocities", wanted[1], (n,), "rad/s")
 
 
 def hold(q: np.ndarray, omega: float) -> Posture:

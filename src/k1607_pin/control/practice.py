@@ -69,6 +69,13 @@ class Practice:
 OFF = Practice()
 
 
+def check_practice(name: str, practice: Any, n: int, m: int, start: Gains) -> None:
+    """Refuse, by `ValueError`, what is no `Practice`, or one that does not `Practice.check` for n joints and m errors."""
+    if not isinstance(practice, Practice):
+        raise ValueError(f"{name}: expected a Practice, got {shown(practice)}")
+    practice.check(n, m, start)
+
+
 class AdaptiveState(NamedTuple):
     """What an adaptive scheme carries from one control period to the next."""
 
