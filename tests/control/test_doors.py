@@ -91,7 +91,6 @@ def doors(arm):
             {"Delta_1": np.ones(2), "Delta_2": np.ones(2), "Q": np.eye(4)},
             {"Delta_1": {}, "Delta_2": {}, "Q": {}},
         ),
-        "response": (MODEL.response, {"z_0": np.ones(12), "t": 1.0}, {"z_0": {}, "t": {}}),
         "adaptation_rates": (
             adaptation_rates,
             {"gains": SIX, "model": MODEL, "disturbance": np.ones(6), "rate": 1.0},
@@ -120,7 +119,7 @@ def doors(arm):
 
 DOORS = (
     "JointAdaptive", "CartesianAdaptive", "HybridAdaptive", "ComputedTorque", "OperationalSpaceControl", "SlotineLi",
-    "parameter_rates", "gains_from_inertia", "gains_from_mass", "model_from_mass", "hybrid_gains", "reference_model", "response",
+    "parameter_rates", "gains_from_inertia", "gains_from_mass", "model_from_mass", "hybrid_gains", "reference_model",
     "adaptation_rates", "Practice", "hold", "damp", "along",
 )  # fmt: skip
 

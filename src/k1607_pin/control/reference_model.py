@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from k1607_pin.arguments import as_floats, number, numbers
+from k1607_pin.arguments import as_floats, numbers
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,6 @@ class ReferenceModel:
 
     def response(self, z_0: np.ndarray, t: float) -> np.ndarray:
         """(2m,) state of the model at time t [s] from z_0 (2m,), (53)."""
-        t, z_0 = number("t", t, unit="s"), numbers("z_0", z_0, (len(self.Delta),))
         return expm(self.Delta * t) @ z_0
 
 
