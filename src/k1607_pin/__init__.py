@@ -20,6 +20,7 @@ from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.compiled.tune import Tuned, tune
 from k1607_pin.control.cartesian import CartesianAdaptive
 from k1607_pin.kinematics import closed_form, differential, nullspace, orientation
+from k1607_pin.kinematics.task import Task
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.simulate import SimulationError, simulate
 
@@ -37,6 +38,7 @@ __all__ = [
     "Plant",
     "Scaled",
     "SimulationError",
+    "Task",
     "TracingError",
     "Tuned",
     "Uniform",
