@@ -7,10 +7,10 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.kinematics.orientation import RIGID
 
 NEWTON_STEPS = 10
 NEWTON_TOLERANCE = 1e-10  # m, rad: quadratic convergence leaves no reason to stop before
-RIGID = 1e-4  # deviation of R R^T from the identity that passes as rounding, of digits copied by hand say
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from k1607_pin.kinematics.orientation import orientation_error
+from k1607_pin.kinematics.rotations import orientation_error
 from k1607_pin.kinematics.vectors import components, cross, dot
 
 ROWS = {"pose": 6, "position": 3, "axis": 5}

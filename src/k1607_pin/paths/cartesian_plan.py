@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import RIGID
-from k1607_pin.kinematics.orientation import rotation, rotation_vector
+from k1607_pin.kinematics.rotations import rotation, rotation_vector
 from k1607_pin.paths.inverse_path import SINGULAR, JointPath, joint_path
 from k1607_pin.paths.joint_plan import require_within_limits
 from k1607_pin.paths.slow_down import slow_down
