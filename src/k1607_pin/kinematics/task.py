@@ -48,6 +48,11 @@ class Task:
         """m"""
         return ROWS[self.kind]
 
+    @property
+    def column(self) -> int:
+        """Of the rotation matrix: the named axis."""
+        return self.order[2]
+
     def error(self, position: Any, rotation: Any, wanted_position: Any, wanted_rotation: Any) -> Any:
         """(m,) wanted less actual: position [m], and orientation [rad] as 2 delta s of (37), sound at half a turn.
 
@@ -62,7 +67,7 @@ class Task:
         if self.kind == "pose":
             return np.concatenate([distance, orientation_error(wanted_rotation, rotation)])
         columns = self._columns(rotation)
-        direction = components(wanted_rotation[:, self._order[2]])
+        direction = components(wanted_rotation[:, self.order[2]])
         return np.concatenate([distance, np.stack(direction_error(*(dot(c, direction) for c in columns)))])
 
     def rows_of(self, rotation: Any, twist: Any) -> Any:
@@ -82,9 +87,15 @@ class Task:
         rate = self.rows_of(rotation, J_dot)
         if self.kind != "axis":
             return rate
-        turn = components((J @ v)[3:])
-        moved = self._about([cross(turn, c) for c in self._columns(rotation)], J)
-        return np.concatenate([rate[:3], rate[3:] + moved])
+        return rate + self.turning(rotation, (J @ v)[3:], J)
+
+    def turning(self, rotation: Any, angular_velocity: Any, twist: Any) -> Any:
+        """(m,) or (m, n): what `rows_of` of a fixed twist (6,) or (6, n) change by, as the tool turns at (3,) rad/s, base axes."""
+        if self.kind != "axis":
+            return 0 * self.rows_of(rotation, twist)
+        turn = components(angular_velocity)
+        moved = self._about([cross(turn, c) for c in self._columns(rotation)], twist)
+        return np.concatenate([0 * twist[:3], moved])
 
     def wrench(self, rotation: Any, force: Any) -> Any:
         """(6,) N, N m in base axes: what forces (m,) along the task's rows are, so that J^T wrench = jacobian^T force."""
@@ -98,12 +109,13 @@ class Task:
         )
 
     @property
-    def _order(self) -> tuple[int, int, int]:
+    def order(self) -> tuple[int, int, int]:
+        """Columns of the rotation matrix: the two axes that the rows are about, and the named one."""
         return NEXT[self.axis or "z"]
 
     def _columns(self, rotation: Any) -> list[list[Any]]:
         """The tool's axes in base axes, three entries each, the named one last."""
-        return [components(rotation[:, k]) for k in self._order]
+        return [components(rotation[:, k]) for k in self.order]
 
     @staticmethod
     def _about(columns: list[list[Any]], twist: Any) -> Any:
