@@ -38,7 +38,8 @@ def urdf(kind: str) -> str:
         )
         offset = following
     parts.append(
-        f'<joint name="flange" type="fixed"><parent link="link{len(joints)}"/><child link="tool"/><origin xyz="{offset}"/></joint>'
+        f'<joint name="flange" type="fixed"><parent link="link{len(joints)}"/><child link="tool"/>'
+        f'<origin xyz="{offset}"/></joint>'
     )
     return f'<robot name="{kind}">{"".join(links)}<link name="tool"/>{"".join(parts)}</robot>'
 

@@ -50,9 +50,9 @@ def test_any_arm_leaves_free_what_the_task_leaves_free(arm, task):
 def test_a_position_may_stand_alone(reference):
     q = np.full(7, 0.3)
     p = reference.forward_kinematics(q).translation
-    found = k1607.inverse_kinematics(reference, p + [0.01, 0, 0], q, task="position")
+    found = k1607.inverse_kinematics(reference, p + np.array([0.01, 0, 0]), q, task="position")
     assert found.converged
-    np.testing.assert_allclose(reference.forward_kinematics(found.q).translation, p + [0.01, 0, 0], atol=1e-8)
+    np.testing.assert_allclose(reference.forward_kinematics(found.q).translation, p + np.array([0.01, 0, 0]), atol=1e-8)
     with pytest.raises(ValueError, match=r"target: expected .*, got shape \(3,\)"):
         k1607.inverse_kinematics(reference, p, q)
 
@@ -87,9 +87,13 @@ def test_a_path_is_followed_by_position_alone(tmp_path):
     arm = few_joints.load("scara", tmp_path)
     q = np.array(few_joints.POSTURES["scara"])
     p = arm.forward_kinematics(q).translation
-    followed = follow(arm, lambda t: SimpleNamespace(position=p + [0, 0.05 * t, 0.02 * t]), None, q, 1.0, "position")
+    followed = follow(
+        arm, lambda t: SimpleNamespace(position=p + np.array([0, 0.05 * t, 0.02 * t])), None, q, 1.0, "position"
+    )
     for t, posture in zip(followed.times, followed.postures, strict=True):
-        np.testing.assert_allclose(arm.forward_kinematics(posture).translation, p + [0, 0.05 * t, 0.02 * t], atol=1e-6)
+        np.testing.assert_allclose(
+            arm.forward_kinematics(posture).translation, p + np.array([0, 0.05 * t, 0.02 * t]), atol=1e-6
+        )
     assert followed.sigma_min.min() > 0.01
 
 

@@ -28,7 +28,7 @@ def test_few_joints_go_straight_to_their_goals(kind, task, tmp_path):
     start, goal = (arm.forward_kinematics(q) for q in (q0, q0 + 0.05))
     plan = plan_poses(arm, [goal], q0, task=task)
     for t in np.linspace(0, plan.duration, 12):
-        T, point = arm.forward_kinematics(plan.joints(t).q), plan(t)
+        T, point = arm.forward_kinematics(plan.joints(t).position), plan(t)
         np.testing.assert_allclose(T.translation, point.position, atol=2e-7)
         across = np.cross(T.translation - start.translation, goal.translation - start.translation)
         np.testing.assert_allclose(across, 0, atol=1e-7)
@@ -43,16 +43,18 @@ def test_few_joints_go_straight_to_their_goals(kind, task, tmp_path):
 def test_joints_are_derivatives_of_each_other(arm, q0, task):
     """Along samples: the quintics join velocities and accelerations that the task's rows were solved for."""
     goal = arm.forward_kinematics(q0)
-    goal = pin.SE3(goal.rotation @ pin.exp3(np.array([0.2, -0.1, 2.0])), goal.translation + [0.03, 0.02, -0.04])
+    goal = pin.SE3(
+        goal.rotation @ pin.exp3(np.array([0.2, -0.1, 2.0])), goal.translation + np.array([0.03, 0.02, -0.04])
+    )
     plan = plan_poses(arm, [goal], q0, task=task)
     h = 1e-5
     for t in np.linspace(0.1, 0.9, 9) * plan.duration:
-        after, before, now = (plan.joints(t + s).q for s in (h, -h, 0.0))
-        np.testing.assert_allclose((after - before) / (2 * h), plan.joints(t).v, atol=1e-6)
+        after, before, now = (plan.joints(t + s).position for s in (h, -h, 0.0))
+        np.testing.assert_allclose((after - before) / (2 * h), plan.joints(t).velocity, atol=1e-6)
         T = arm.forward_kinematics(now)
         assert np.linalg.norm(T.translation - plan(t).position) < 2e-7
     if task.kind == "axis":
-        end = arm.forward_kinematics(plan.joints(plan.duration).q)
+        end = arm.forward_kinematics(plan.joints(plan.duration).position)
         np.testing.assert_allclose(end.rotation[:, 2], goal.rotation[:, 2], atol=2e-7)
 
 
@@ -82,5 +84,5 @@ def test_a_task_of_its_own_is_singular_where_its_rows_are(tmp_path):
 
 def test_positions_may_stand_alone(arm, q0):
     p = arm.forward_kinematics(q0).translation
-    plan = plan_poses(arm, [p + [0.02, 0, 0], p], q0, task="position")
-    np.testing.assert_allclose(arm.forward_kinematics(plan.joints(plan.duration).q).translation, p, atol=2e-7)
+    plan = plan_poses(arm, [p + np.array([0.02, 0, 0]), p], q0, task="position")
+    np.testing.assert_allclose(arm.forward_kinematics(plan.joints(plan.duration).position).translation, p, atol=2e-7)

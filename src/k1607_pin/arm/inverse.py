@@ -52,8 +52,8 @@ def inverse_kinematics(
 
     From q0, and then from random postures until one converges: a few Newton steps; where these leave the limits or do not arrive,
     bounded nonlinear least squares on the pose error (p_d - p, log(R_d R^T)) with its exact Jacobian, and Newton steps from
-    what that found. Of the redundant arm's many solutions it returns one near its start, each joint in the turn nearest to q0 that
-    the limits allow.
+    what that found. Of the redundant arm's many solutions it returns one near its start, each joint in the turn nearest to q0
+    that the limits allow.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def newton(arm: Arm, wanted: pin.SE3, q: np.ndarray, tolerance: float, task: Tas
 
 
 def pose_error(wanted: pin.SE3, actual: pin.SE3, task: Task = POSE) -> np.ndarray:
-    """(m,): p_wanted - p [m] and the rotation vector of R_wanted R^T [rad], base axes; of other tasks the error that they give."""
+    """(m,): p_wanted - p [m] and the rotation vector of R_wanted R^T [rad], base axes; for other tasks their error."""
     if task.kind != "pose":
         error: np.ndarray = task.error(actual.translation, actual.rotation, wanted.translation, wanted.rotation)
         return error
@@ -170,7 +170,7 @@ def _spread(x: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def _residual(wanted: pin.SE3, actual: pin.SE3, task: Task) -> np.ndarray:
-    """(6,) or (3,): as long as `pose_error`, with a simple derivative: of directions it is their difference, 2 sin(angle/2) long."""
+    """(6,) or (3,): as long as `pose_error`, with a simple derivative: directions' difference is 2 sin(angle/2) long."""
     if task.kind != "axis":
         return pose_error(wanted, actual, task)
     directions = wanted.rotation[:, task.column] - actual.rotation[:, task.column]
@@ -178,7 +178,7 @@ def _residual(wanted: pin.SE3, actual: pin.SE3, task: Task) -> np.ndarray:
 
 
 def _residual_jacobian(arm: Arm, wanted: pin.SE3, q: np.ndarray, task: Task) -> np.ndarray:
-    """d residual / dq. R_wanted R^T turns by -R_wanted R^T w about its own axes, hence Jlog3 of the error; a direction by w x d."""
+    """d residual / dq. R_wanted R^T turns by -R_wanted R^T w about its own axes, hence Jlog3; a direction by w x d."""
     J, R = arm.jacobian(q), arm.forward_kinematics(q).rotation
     if task.kind == "position":
         return -J[:3]

@@ -90,7 +90,7 @@ class Task:
         return rate + self.turning(rotation, (J @ v)[3:], J)
 
     def turning(self, rotation: Any, angular_velocity: Any, twist: Any) -> Any:
-        """(m,) or (m, n): what `rows_of` of a fixed twist (6,) or (6, n) change by, as the tool turns at (3,) rad/s, base axes."""
+        """(m,) or (m, n): what `rows_of` of a fixed twist (6,) or (6, n) change by as the tool turns at (3,) rad/s, base axes."""
         if self.kind != "axis":
             return 0 * self.rows_of(rotation, twist)
         turn = components(angular_velocity)

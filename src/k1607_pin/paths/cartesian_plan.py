@@ -125,8 +125,9 @@ def plan_poses(
     poses : T_base_tool to go to, `pinocchio.SE3` or (4, 4) m; q0 : (n,) rad, where the arm is.
     linear, angular : limits of speed, acceleration and jerk along the line, m, and about the axis, rad.
     sigma_min, period : see `joint_path`.
-    task : what of the poses counts. "position": the origin alone, poses may be (3,) m; the plan's ``rotations`` are that at q0 and
-        mean nothing. "axis", or a `Task`: the direction of one tool axis too, which turns the shortest way; the turn about it is free.
+    task : what of the poses counts. "position": the origin alone, poses may be (3,) m; the plan's ``rotations`` are that at q0
+        and mean nothing. "axis", or a `Task`: the direction of one tool axis too, which turns the shortest way; the turn about it
+        is free.
 
     Raises
     ------
