@@ -25,7 +25,9 @@ def is_symbolic(x: Any) -> bool:
     if isinstance(x, bool | int | float | complex | str | bytes | np.generic) or x is None:
         return False
     if isinstance(x, np.ndarray):
-        return x.dtype == object
+        if x.dtype != object:
+            return False
+        return not any(entry is None or isinstance(entry, str | bytes | dict) for entry in x.flat)
     if isinstance(x, list | tuple):
         return any(is_symbolic(entry) for entry in x)
     return hasattr(x, "__array_ufunc__") or hasattr(x, "__array_function__")
@@ -92,6 +94,17 @@ def number(
     if not good:
         raise ValueError(f"{name}: expected {expected}, got {shown(x)}")
     return value
+
+
+def whole(name: str, x: Any, at_least: int) -> int:
+    """x as a whole number; what counts is one that says so: 3, not 3.0 or True.
+
+    >>> whole("starts", 3, 1)
+    3
+    """
+    if not isinstance(x, int | np.integer) or isinstance(x, bool) or x < at_least:
+        raise ValueError(f"{name}: expected a whole number of at least {at_least}, got {shown(x)}")
+    return int(x)
 
 
 def seen_through(name: str, x: Any, check: Callable[..., Any], *arguments: Any) -> Any:

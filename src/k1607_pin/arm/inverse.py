@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
-from k1607_pin.arguments import number, numbers, shown
+from k1607_pin.arguments import number, numbers, shown, whole
 from k1607_pin.arm.arm import Arm
 from k1607_pin.kinematics.orientation import RIGID
 from k1607_pin.kinematics.task import POSE, Task, as_task
@@ -77,9 +77,7 @@ def inverse_kinematics(
         number("position_tolerance", position_tolerance, above=0, unit="m"),
         number("orientation_tolerance", orientation_tolerance, above=0, unit="rad"),
     )
-    for name, x, least in (("starts", starts, 1), ("seed", seed, 0)):
-        if not isinstance(x, int | np.integer) or isinstance(x, bool) or x < least:
-            raise ValueError(f"{name}: expected a whole number of at least {least}, got {shown(x)}")
+    starts, seed = whole("starts", starts, 1), whole("seed", seed, 0)
     lower, upper = arm.lower, arm.upper
     free = upper - lower > FIXED
     low, high = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)

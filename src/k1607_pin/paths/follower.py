@@ -49,7 +49,8 @@ class TooFewJointsError(SingularPathError):
         advice = f"pass {' or '.join(fits)}" if fits else "plan its joints instead, with plan_joints"
         ValueError.__init__(
             self,
-            f'task: expected one that the {arm.n} joints of {arm.name!r} can follow, got "{task.kind}" of {task.rows} rows; {advice}',
+            f"task: expected one that the {arm.n} joints of {arm.name!r} can follow, "
+            f'got "{task.kind}" of {task.rows} rows; {advice}',
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
