@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from k1607_pin.arguments import shown
 from k1607_pin.kinematics.rotations import orientation_error
 from k1607_pin.kinematics.vectors import components, cross, dot
 
@@ -35,13 +36,13 @@ class Task:
 
     def __post_init__(self) -> None:
         if not isinstance(self.kind, str) or self.kind not in ROWS:
-            raise ValueError(f'task: expected "pose", "position" or "axis", got {self.kind!r}')
+            raise ValueError(f'task: expected "pose", "position" or "axis", got {shown(self.kind)}')
         if self.kind == "axis" and self.axis is None:
             object.__setattr__(self, "axis", "z")
         allowed = tuple(NEXT) if self.kind == "axis" else (None,)
         if not isinstance(self.axis, str | None) or self.axis not in allowed:
             expected = '"x", "y" or "z"' if self.kind == "axis" else f'none for "{self.kind}"'
-            raise ValueError(f"axis: expected {expected}, got {self.axis!r}")
+            raise ValueError(f"axis: expected {expected}, got {shown(self.axis)}")
 
     @property
     def rows(self) -> int:
