@@ -1,5 +1,6 @@
 """Plans of tasks that leave part of the pose free, for arms of few joints and of many."""
 
+import pickle
 import sys
 from pathlib import Path
 
@@ -72,6 +73,7 @@ def test_too_few_joints_are_told_which_task_they_can_have(kind, task, advice, tm
     with pytest.raises(TooFewJointsError, match=advice) as error:
         plan_poses(arm, [arm.forward_kinematics(q0 + 0.05)], q0, task=task)
     assert "singular" not in str(error.value)
+    assert str(pickle.loads(pickle.dumps(error.value))) == str(error.value)
 
 
 def test_a_task_of_its_own_is_singular_where_its_rows_are(tmp_path):
