@@ -130,7 +130,7 @@ class Follower:
                 q = q + K @ np.linalg.solve(J @ K, error)
             except np.linalg.LinAlgError:
                 return None
-            if np.abs(q - guess).max() > LEAP:
+            if not np.abs(q - guess).max() <= LEAP:  # NaN too
                 return None
         return None
 
