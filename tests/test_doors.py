@@ -116,7 +116,7 @@ NUMERIC: dict[str, tuple[Any, dict[str, Any]]] = {
 
 WORDS: dict[str, tuple[Any, str]] = {
     "Task": (task.Task, "task"),
-    "as_task": (task.as_task, "task"),
+    "task_of": (task.task_of, "task"),
     "Task.axis": (lambda x: task.Task("axis", x if x is not None else ""), "axis"),
     "inverse_kinematics.arm": (lambda x: k1607.inverse_kinematics(x, POSE), "arm"),
     "inverse_kinematics.task": (lambda x: k1607.inverse_kinematics(arm(), POSE, task=x), "task"),

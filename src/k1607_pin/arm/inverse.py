@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 
 from k1607_pin.arguments import number, numbers, shown, whole
 from k1607_pin.arm.arm import Arm
-from k1607_pin.kinematics.orientation import RIGID
-from k1607_pin.kinematics.task import POSE, Task, as_task
+from k1607_pin.kinematics.orientation import RIGID as RIGID
+from k1607_pin.kinematics.task import POSE, Task, task_of
 
 NEWTON_STEPS = 10
 NEWTON_TOLERANCE = 1e-10  # m, rad: quadratic convergence leaves no reason to stop before
@@ -71,7 +71,7 @@ def inverse_kinematics(
         target is not a rigid transform, q0 of wrong shape or not finite, starts below one, no such task.
     """
     require_arm(arm)
-    task = as_task(task)
+    task = task_of(task)
     wanted = pin.SE3(rigid("target", target, task))
     tolerances = (
         number("position_tolerance", position_tolerance, above=0, unit="m"),
@@ -109,14 +109,14 @@ def newton(arm: Arm, wanted: pin.SE3, q: np.ndarray, tolerance: float, task: Tas
         error = pose_error(wanted, actual, task)
         if np.abs(error).max() < tolerance:
             return q if ((q >= arm.lower) & (q <= arm.upper)).all() else None
-        q = q + np.linalg.lstsq(task.jacobian(actual.rotation, arm.jacobian(q)), error, rcond=1e-3)[0]
+        q = q + np.linalg.lstsq(task.rows(arm.jacobian(q), actual.rotation), error, rcond=1e-3)[0]
     return None
 
 
 def pose_error(wanted: pin.SE3, actual: pin.SE3, task: Task = POSE) -> np.ndarray:
     """(m,): p_wanted - p [m] and the rotation vector of R_wanted R^T [rad], base axes; for other tasks their error."""
-    if task.kind != "pose":
-        error: np.ndarray = task.error(actual.translation, actual.rotation, wanted.translation, wanted.rotation)
+    if task.name != "pose":
+        error: np.ndarray = task.error(wanted.translation, wanted.rotation, actual.translation, actual.rotation)
         return error
     rotation = pin.log3(wanted.rotation @ actual.rotation.T)
     return np.concatenate([wanted.translation - actual.translation, rotation])
@@ -169,19 +169,19 @@ def _spread(x: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 def _residual(wanted: pin.SE3, actual: pin.SE3, task: Task) -> np.ndarray:
     """(6,) or (3,): as long as `pose_error`, with a simple derivative: directions' difference is 2 sin(angle/2) long."""
-    if task.kind != "axis":
+    if task.name != "axis":
         return pose_error(wanted, actual, task)
-    directions = wanted.rotation[:, task.column] - actual.rotation[:, task.column]
+    directions = (wanted.rotation - actual.rotation) @ np.array(task.axis)
     return np.concatenate([wanted.translation - actual.translation, directions])
 
 
 def _residual_jacobian(arm: Arm, wanted: pin.SE3, q: np.ndarray, task: Task) -> np.ndarray:
     """d residual / dq. R_wanted R^T turns by -R_wanted R^T w about its own axes, hence Jlog3; a direction by w x d."""
     J, R = arm.jacobian(q), arm.forward_kinematics(q).rotation
-    if task.kind == "position":
+    if task.name == "position":
         return -J[:3]
-    if task.kind == "axis":
-        return np.vstack([-J[:3], np.cross(R[:, task.column], J[3:], axisb=0, axisc=0)])
+    if task.name == "axis":
+        return np.vstack([-J[:3], np.cross(R @ np.array(task.axis), J[3:], axisb=0, axisc=0)])
     return np.vstack([-J[:3], -pin.Jlog3(wanted.rotation @ R.T) @ J[3:]])
 
 
@@ -191,7 +191,7 @@ def _result(
     actual = arm.forward_kinematics(q)
     error = pose_error(wanted, actual, task)
     position, orientation = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-    if task.kind == "axis":
+    if task.name == "axis":
         orientation = 2 * float(np.arcsin(min(orientation / 2, 1.0)))
     limits = [
         f"{name} {side}"
@@ -199,7 +199,7 @@ def _result(
         for side, gap in (("lower", x - low), ("upper", high - x))
         if gap < 1e-6
     ]
-    sigma = sigma_min_of(task.jacobian(actual.rotation, arm.jacobian(q)))
+    sigma = sigma_min_of(task.rows(arm.jacobian(q), actual.rotation))
     converged = position <= tolerances[0] and orientation <= tolerances[1]
     return InverseKinematics(q, converged, position, orientation, tuple(limits), sigma, starts)
 
@@ -218,13 +218,13 @@ def rigid(name: str, pose: Any, task: Task = POSE) -> np.ndarray:
     """(4, 4): ``pose`` with its rotation mended to the nearest; a position (3,) alone where the task asks for no more."""
     x = pose.homogeneous if isinstance(pose, pin.SE3) else pose
     kinds = "a pinocchio.SE3 or a finite (4, 4) matrix"
-    if task.kind == "position":
+    if task.name == "position":
         kinds += ", or a position (3,) in m"
     try:
         T = numbers(name, x)
     except ValueError:
         raise ValueError(f"{name}: expected {kinds}, got {shown(pose)}") from None
-    if task.kind == "position" and T.shape == (3,):
+    if task.name == "position" and T.shape == (3,):
         T = np.vstack([np.column_stack([np.eye(3), T]), [0.0, 0, 0, 1]])
     if T.shape != (4, 4):
         raise ValueError(f"{name}: expected {kinds}, got shape {T.shape}")

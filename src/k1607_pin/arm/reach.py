@@ -9,7 +9,7 @@ import pinocchio as pin
 from k1607_pin.arguments import number
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, newton, require_arm, sigma_min_of
-from k1607_pin.kinematics.task import POSE, POSITION, Task, as_task
+from k1607_pin.kinematics.task import POSE, POSITION, Task, task_of
 
 CLOSE = 1e-6  # m, rad: near enough to say that a point is reached
 LOOKS = 40  # points of a path that are looked at, at least
@@ -69,7 +69,7 @@ def follow(
         There is none for a point; it says which, when, and how close the arm comes.
     """
     require_arm(arm)
-    task, q, duration = as_task(task), arm.as_vector(q, "q"), number("duration", duration, above=0, unit="s")
+    task, q, duration = task_of(task), arm.as_vector(q, "q"), number("duration", duration, above=0, unit="s")
     if task == POSITION and rotation is None:
         rotation = np.eye(3)  # not looked at
     times = np.linspace(0.0, duration, max(LOOKS, int(np.ceil(duration / LOOK_EVERY)) + 1))
@@ -89,5 +89,5 @@ def follow(
             if postures and np.abs(near - q).max() > JUMP:
                 jumps.append(float(t))
         postures.append(q := near)
-        sigma.append(sigma_min_of(task.jacobian(arm.forward_kinematics(q).rotation, arm.jacobian(q))))
+        sigma.append(sigma_min_of(task.rows(arm.jacobian(q), arm.forward_kinematics(q).rotation)))
     return Followed(times, np.array(postures), tuple(jumps), np.array(sigma))

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.arm.inverse import RIGID
 from k1607_pin.arm.reach import follow, rotation_of
-from k1607_pin.kinematics.orientation import RIGID
-from k1607_pin.kinematics.rotations import orientation_error
+from k1607_pin.kinematics.orientation import orientation_error
 
 logger = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import require_arm, rigid
 from k1607_pin.kinematics.rotations import rotation, rotation_vector
-from k1607_pin.kinematics.task import POSE, Task, as_task, direction_error
+from k1607_pin.kinematics.task import POSE, Task, task_of
 from k1607_pin.paths.inverse_path import SINGULAR, JointPath, joint_path
 from k1607_pin.paths.joint_plan import require_within_limits
 from k1607_pin.paths.slow_down import slow_down
@@ -141,7 +141,7 @@ def plan_poses(
         A posture on the way is too much to hold; see `slow_down`.
     """
     require_arm(arm)
-    q0, task = arm.as_vector(q0, "q0"), as_task(task)
+    q0, task = arm.as_vector(q0, "q0"), task_of(task)
     linear, angular = _limits("linear", linear), _limits("angular", angular)
     if not isinstance(poses, Iterable):
         raise ValueError(f"poses: expected a sequence of poses, got {type(poses).__name__}")
@@ -173,16 +173,17 @@ def _limits(name: str, limits: Limits) -> Limits:
 
 def _what_counts(goal: np.ndarray, now: np.ndarray, task: Task) -> np.ndarray:
     """(4, 4): the goal, turned from where the tool is now no further than the task asks for."""
-    if task.kind == "pose":
+    if task.name == "pose":
         return goal
     R = now[:3, :3]
-    if task.kind == "axis":
-        i, j, k = task.order
-        direction = goal[:3, k]
-        sines = direction_error(*(R[:, c] @ direction for c in (i, j, k)))  # 2 delta s, about tool axes i and j
-        half = (sines[0] * R[:, i] + sines[1] * R[:, j]) / 2
+    if task.name == "axis":
+        about = task.rows(np.eye(6)[:, 3:], R)[3:]  # (2, 3): the two axes that turn the direction, base axes
+        half = (
+            task.error(goal[:3, 3], goal[:3, :3], now[:3, 3], R)[3:] @ about / 2
+        )  # (3,): axis times the sine of half the angle
         R = rotation(np.array([np.sqrt(max(1 - half @ half, 0.0)), *half])) @ R
-        R = rigid("poses", np.vstack([np.column_stack([R, np.zeros(3)]), [0.0, 0, 0, 1]]))[:3, :3]
+        U, _, Vt = np.linalg.svd(R)  # rounding
+        R = U @ Vt
     there = goal.copy()
     there[:3, :3] = R
     return there

@@ -50,7 +50,7 @@ class TooFewJointsError(SingularPathError):
         ValueError.__init__(
             self,
             f"task: expected one that the {arm.n} joints of {arm.name!r} can follow, "
-            f'got "{task.kind}" of {task.rows} rows; {advice}',
+            f'got "{task.name}" of {task.size} rows; {advice}',
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -90,7 +90,7 @@ class Follower:
 
     def start(self, q0: np.ndarray) -> State:
         wanted = self.wanted(0.0)
-        if self.arm.n < self.task.rows:
+        if self.arm.n < self.task.size:
             raise TooFewJointsError(self.arm, self.task, wanted.pose.translation)
         found = inverse_kinematics(self.arm, wanted.pose, q0, task=self.task)
         if not found.converged:
@@ -124,7 +124,7 @@ class Follower:
             error = pose_error(wanted, actual, self.task)
             if np.abs(error).max() < NEWTON_TOLERANCE:
                 return q
-            J = self.task.jacobian(actual.rotation, self.arm.jacobian(q))
+            J = self.task.rows(self.arm.jacobian(q), actual.rotation)
             K = self.weights(q)[0][:, None] * J.T
             try:
                 q = q + K @ np.linalg.solve(J @ K, error)
@@ -141,16 +141,19 @@ class Follower:
         share, slope = self.weights(q)
         K = share[:, None] * J.T  # (n, m)
         A = J @ K  # (m, m)
-        force = np.linalg.solve(A, task.rows_of(R, wanted.velocity))  # (m,)
+        force = np.linalg.solve(A, task.rows(wanted.velocity, R))  # (m,)
         v = K @ force
         whole = self.arm.jacobian(q)
-        J_dot = task.jacobian_rate(R, whole, self.arm.jacobian_time_variation(q, v), v)
+        J_dot = task.rows(self.arm.jacobian_time_variation(q, v), R)
+        if task.name == "axis":  # its rows turn with the tool
+            R_dot = np.cross((whole @ v)[3:], R, axisb=0, axisc=0)
+            J_dot = J_dot + turned(task, whole, R_dot)
         drift = slope * v * (J.T @ force) + share * (J_dot.T @ force)  # (n,): the acceleration, were `force` to stay
         bias = J_dot @ v + J @ drift
-        if task.kind == "axis":  # its rows of the wanted motion turn with the tool
-            bias = bias - task.turning(R, (whole @ v)[3:], wanted.velocity)
+        if task.name == "axis":
+            bias = bias - turned(task, wanted.velocity, R_dot)
         a, a_before = (
-            drift + K @ np.linalg.solve(A, task.rows_of(R, x_ddot) - bias) for x_ddot in (wanted.after, wanted.before)
+            drift + K @ np.linalg.solve(A, task.rows(x_ddot, R) - bias) for x_ddot in (wanted.after, wanted.before)
         )
         return State(q, v, a, a_before, sigma)
 
@@ -172,7 +175,7 @@ class Follower:
 
     def rows(self, q: np.ndarray) -> np.ndarray:
         """(m, n)"""
-        rows: np.ndarray = self.task.jacobian(self.arm.forward_kinematics(q).rotation, self.arm.jacobian(q))
+        rows: np.ndarray = self.task.rows(self.arm.jacobian(q), self.arm.forward_kinematics(q).rotation)
         return rows
 
     def pose(self, t: float) -> pin.SE3:
@@ -236,6 +239,13 @@ class Follower:
                     options={"xatol": 1e-6},
                 )
                 self.jacobian(float(closest.x), spline(closest.x))
+
+
+def turned(task: Task, twist: np.ndarray, R_dot: np.ndarray) -> np.ndarray:
+    """(m,) or (m, n): what the rows of ``twist`` (6,) or (6, n) change by as the tool's rotation does; they are linear in it."""
+    rates: np.ndarray = task.rows(twist, R_dot)
+    rates[:3] = 0
+    return rates
 
 
 def joined(times: np.ndarray, states: list[State]) -> Spline:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.kinematics.task import POSE, Task, as_task
+from k1607_pin.kinematics.task import POSE, Task, task_of
 from k1607_pin.paths.follower import Follower, SingularPathError, joined
 from k1607_pin.paths.joint_plan import JointLimitError, JointPlan, require_joint_limits
 
@@ -78,7 +78,7 @@ def joint_path(
     q = arm.as_vector(q0, "q0")
     duration = _positive("duration", getattr(path, "duration", None) if duration is None else duration)
     period, sigma_min = _positive("period", period), _positive("sigma_min", sigma_min)
-    follower = Follower(arm, path, _rotation(arm, q, rotation), sigma_min, as_task(task))
+    follower = Follower(arm, path, _rotation(arm, q, rotation), sigma_min, task_of(task))
     ahead = _samples(duration, period, getattr(path, "times", ()))[:0:-1].tolist()  # the next one last
     times, states, errors = [0.0], [follower.start(q)], []
     while ahead:
