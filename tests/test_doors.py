@@ -139,7 +139,7 @@ ELSEWHERE = {
     "with_payload",
 }  # fmt: skip
 """Looked at in the tests of their own rooms."""
-RESULTS = {"Arm", "InverseKinematics", "SimulationError", "TracingError", "Tuned"}
+RESULTS = {"Arm", "InverseKinematics", "NotFiniteError", "SimulationError", "TracingError", "Tuned"}
 """Made by functions, not by users; `Arm`'s methods are doors above."""
 FORMULAS = {
     "closed_form": {"parameters", "terms", "transform", "jacobian_columns", "Parameters", "Terms"},
