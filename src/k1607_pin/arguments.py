@@ -4,6 +4,8 @@ Values that are not numbers (a tracer's symbols, polynomials, arrays of objects)
 """
 
 from collections.abc import Callable
+from contextlib import suppress
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -25,7 +27,9 @@ def is_symbolic(x: Any) -> bool:
     if isinstance(x, bool | int | float | complex | str | bytes | np.generic) or x is None:
         return False
     if isinstance(x, np.ndarray):
-        return x.dtype == object
+        if x.dtype != object:
+            return False
+        return not any(entry is None or isinstance(entry, str | bytes | dict) for entry in x.flat)
     if isinstance(x, list | tuple):
         return any(is_symbolic(entry) for entry in x)
     return hasattr(x, "__array_ufunc__") or hasattr(x, "__array_function__")
@@ -39,6 +43,9 @@ def as_floats(name: str, x: Any, expected: str = "real numbers") -> np.ndarray:
         array = np.asarray(x)
     except (ValueError, TypeError):  # rows of several lengths, an object that is no array
         array = np.asarray(None)
+    if array.dtype == object and all(isinstance(entry, Real) for entry in array.flat):
+        with suppress(OverflowError):  # a whole number beyond any float: refused below
+            array = array.astype(float)
     if array.dtype.kind not in NUMERIC:
         raise ValueError(f"{name}: expected {expected}, got {shown(x)}")
     return array.astype(float, copy=False)
@@ -92,6 +99,17 @@ def number(
     if not good:
         raise ValueError(f"{name}: expected {expected}, got {shown(x)}")
     return value
+
+
+def whole(name: str, x: Any, at_least: int) -> int:
+    """x as a whole number; what counts is one that says so: 3, not 3.0 or True.
+
+    >>> whole("starts", 3, 1)
+    3
+    """
+    if not isinstance(x, int | np.integer) or isinstance(x, bool) or x < at_least:
+        raise ValueError(f"{name}: expected a whole number of at least {at_least}, got {shown(x)}")
+    return int(x)
 
 
 def seen_through(name: str, x: Any, check: Callable[..., Any], *arguments: Any) -> Any:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import k1607_pin as k1607
 from k1607_pin.arm.reach import UnreachableError
 from k1607_pin.paths.cartesian_plan import PosePoint
-from k1607_pin.paths.follower import MARGIN, SingularPathError
+from k1607_pin.paths.follower import MARGIN, SingularPathError, TooFewJointsError
 from k1607_pin.paths.inverse_path import joint_path
 from k1607_pin.paths.joint_plan import JointLimitError, plan_joints
 from k1607_pin.paths.report_paths import Circle, Line, PathPoint
@@ -235,10 +235,12 @@ def test_a_singularity_between_samples_is_found():
     assert caught.value.sigma_min < 1e-4
 
 
-def test_fewer_than_six_joints_are_always_singular():
+def test_fewer_joints_than_rows_are_told_which_task_they_can_have():
     arm = k1607.load_example("ur5", locked=["wrist_3_joint"])
     q0 = np.array([0.3, -1.2, 1.4, -0.9, -1.2])
-    with pytest.raises(SingularPathError, match="t = 0 s"):
+    with pytest.raises(
+        TooFewJointsError, match=r'expected one that the 5 joints .* pass task="position" or task="axis"'
+    ):
         joint_path(arm, Line(arm.forward_kinematics(q0).translation), q0, 1.0)
 
 

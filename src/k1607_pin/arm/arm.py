@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from k1607_pin.arguments import as_floats
 from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space, singular_values
 from k1607_pin.kinematics.differential import Damping, SingularJacobianError
 
@@ -304,12 +305,7 @@ def frame_id(model: pin.Model, name: str, argument: str = "tool_frame") -> int:
 
 
 def _floats(x: Vector, name: str) -> Vector:
-    try:
-        if np.iscomplexobj(x):
-            raise TypeError
-        return np.array(x, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected numbers, got {x!r}") from None
+    return np.array(as_floats(name, x, "numbers"))
 
 
 def _seen(x: Vector) -> str:

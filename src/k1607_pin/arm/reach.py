@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from k1607_pin.arguments import number
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, newton
+from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, newton, require_arm, sigma_min_of
+from k1607_pin.kinematics.task import POSE, POSITION, Task, task_of
 
 CLOSE = 1e-6  # m, rad: near enough to say that a point is reached
 LOOKS = 40  # points of a path that are looked at, at least
@@ -41,7 +43,7 @@ class Followed(NamedTuple):
     jumps: tuple[float, ...]
     """s: when a posture is not a continuation of the one before, because that would leave the limits"""
     sigma_min: np.ndarray
-    """(N,) smallest singular value of J; 0 for fewer than six joints"""
+    """(N,) smallest singular value of the task's rows of J; 0 for fewer joints than rows"""
 
 
 def rotation_of(point: Any, held: Any) -> Any:
@@ -50,21 +52,26 @@ def rotation_of(point: Any, held: Any) -> Any:
     return held if own is None else own
 
 
-def follow(arm: Arm, path: Callable[[float], Any], rotation: Any, q: np.ndarray, duration: float) -> Followed:
+def follow(
+    arm: Arm, path: Callable[[float], Any], rotation: Any, q: np.ndarray, duration: float, task: "Task | str" = POSE
+) -> Followed:
     """A posture within the limits for points of the path, evenly spaced in time, each found from the one before.
 
     Parameters
     ----------
     path : time [s] -> wanted .position (3,) m, and .rotation (3, 3) tool in base if it turns.
     rotation : (3, 3) held by a path without, else not looked at; q : (n,) where to start looking, rad.
+    task : what of the pose counts; "position" needs no rotation.
 
     Raises
     ------
     UnreachableError
         There is none for a point; it says which, when, and how close the arm comes.
     """
-    if not 0 < duration < np.inf:
-        raise ValueError(f"duration: expected a positive time in s, got {duration!r}")
+    require_arm(arm)
+    task, q, duration = task_of(task), arm.as_vector(q, "q"), number("duration", duration, above=0, unit="s")
+    if task == POSITION and rotation is None:
+        rotation = np.eye(3)  # not looked at
     times = np.linspace(0.0, duration, max(LOOKS, int(np.ceil(duration / LOOK_EVERY)) + 1))
     postures: list[np.ndarray] = []
     jumps: list[float] = []
@@ -73,14 +80,14 @@ def follow(arm: Arm, path: Callable[[float], Any], rotation: Any, q: np.ndarray,
         point = path(t)
         R = np.asarray(rotation_of(point, rotation), dtype=float)
         wanted = pin.SE3(R, np.asarray(point.position, dtype=float))
-        near = newton(arm, wanted, q, CLOSE)
+        near = newton(arm, wanted, q, CLOSE, task)
         if near is None:
-            found = inverse_kinematics(arm, wanted, q, CLOSE, CLOSE)
+            found = inverse_kinematics(arm, wanted, q, CLOSE, CLOSE, task=task)
             if not found.converged:
                 raise UnreachableError(arm, float(t), wanted.translation, found)
             near = found.q
             if postures and np.abs(near - q).max() > JUMP:
                 jumps.append(float(t))
         postures.append(q := near)
-        sigma.append(float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1]) if arm.n >= 6 else 0.0)
+        sigma.append(sigma_min_of(task.rows(arm.jacobian(q), arm.forward_kinematics(q).rotation)))
     return Followed(times, np.array(postures), tuple(jumps), np.array(sigma))

@@ -1,5 +1,6 @@
 """The arm's dynamics seen from its tool: F = Lambda x_ddot + Phi x_dot + Gamma x, eq. (39), for any number of joints."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -110,7 +111,10 @@ def operational_space_of_bodies(
 
 
 def singular_values(J: np.ndarray) -> np.ndarray:
-    """Of J (6, n), largest first; NaN where J is not finite. np.linalg.svd takes twice as long over matrices this small."""
+    """Of J (m, n), largest first; NaN where J is not finite. np.linalg.svd takes twice as long over matrices this small."""
+    # LAPACK would look for them without end; a finite sum of squares, cheaper than np.isfinite, rules that out
+    if not math.isfinite(np.vdot(J, J)) and not np.isfinite(J).all():
+        return np.full(min(J.shape), np.nan)
     return dgesvd(J, compute_uv=0)[1]
 
 

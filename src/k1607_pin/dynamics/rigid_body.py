@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from k1607_pin.dynamics.linear import solve_symmetric
-from k1607_pin.kinematics.orientation import cross_matrix, rotation_vector
+from k1607_pin.kinematics.rotations import cross_matrix, rotation_vector
 
 
 class Body(NamedTuple):

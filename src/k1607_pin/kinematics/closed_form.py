@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from k1607_pin.description.dh import matrix, table_1
-from k1607_pin.kinematics.product import cosines_and_sines
+from k1607_pin.kinematics.product import cosines_and_sines, joint_angles
 
 
 class Parameters(NamedTuple):
@@ -174,14 +174,7 @@ CHUNK = 5000  # poses: many enough to forget the cost of a call, few enough for 
 
 def _batched(fun: Callable[[Any, Any, np.ndarray | None], Any], q: Any, shape: tuple[int, int]) -> Any:
     """``fun`` of the cosines and sines of q, a chunk of the batch at a time, each written where it belongs."""
-    if isinstance(q, list | tuple):
-        q = np.array(q, dtype=float)
-    if not np.ndim(q) or q.shape[-1] != 7:
-        raise ValueError(f"q: expected joint angles in rad of shape (..., 7), got shape {np.shape(q)}")
-    if isinstance(q, np.ndarray) and q.dtype != object:
-        q = q.astype(float, copy=False)
-        if not np.isfinite(q.sum()):  # one pass: NaN and infinity survive a sum
-            raise ValueError("q: expected finite joint angles in rad, got NaN or infinity")
+    q = joint_angles(q, 7)
     if not isinstance(q, np.ndarray) or q.size <= 7 * CHUNK:
         return fun(*cosines_and_sines(q), None)
     flat = q.reshape(-1, 7)

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from k1607_pin.arguments import number, numbers, seen_through, shown
+
 
 class SingularJacobianError(ValueError):
     """The Jacobian has lost rank and no damping was asked for."""
@@ -42,11 +44,12 @@ class Damping:
 
     def __post_init__(self) -> None:
         for name in ("threshold", "maximum"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name}: expected a positive number, got {getattr(self, name)!r}")
+            number(name, getattr(self, name), above=0)
 
     def at(self, sigma_min: float) -> float:
         """lambda for the given smallest singular value."""
+        if not (type(sigma_min) is float and sigma_min >= 0):
+            sigma_min = number("sigma_min", sigma_min, at_least=0)
         ratio = sigma_min / self.threshold
         return 0.0 if ratio >= 1 else self.maximum * float(np.sqrt(1 - ratio * ratio))
 
@@ -104,13 +107,16 @@ def weighted_pseudo_inverse(
     J = _jacobian(J)
     L = _square_root(W, J.shape[1])
     # The pseudo-inverse of J L, by singular values: J J^T, whose condition is the square of J's, is never formed.
-    U, sigma, Vt = np.linalg.svd(J @ L, full_matrices=False)
+    U, sigma, Vt = np.linalg.svd(_weighted(J, L), full_matrices=False)
     sigma_min = float(sigma[-1]) if J.shape[1] >= J.shape[0] else 0.0
-    lam = damping.at(sigma_min) if damping else 0.0
+    lam = _damping(damping).at(sigma_min) if damping is not None else 0.0
     if lam == 0 and sigma_min <= RANK_TOLERANCE * sigma[0]:
         raise SingularJacobianError(sigma_min, RANK_TOLERANCE * float(sigma[0]))
-    inverse = L @ (Vt.T * (sigma / (sigma * sigma + lam * lam))) @ U.T
-    return PseudoInverse(inverse, sigma_min, lam)
+    _, power = np.frexp(max(sigma[0], lam))  # squares of what is very large or small would be infinite or nothing
+    s, l = np.ldexp(sigma, -power), np.ldexp(lam, -power)
+    with np.errstate(all="ignore"):
+        inverse = L @ (Vt.T * np.ldexp(s / (s * s + l * l), -power)) @ U.T
+    return PseudoInverse(numbers("inverse of J", inverse), sigma_min, lam)
 
 
 def joint_velocity(
@@ -129,13 +135,13 @@ def joint_velocity(
     `weighted_pseudo_inverse`, whose errors are raised here too.
     """
     J = _jacobian(J)
-    inverse = weighted_pseudo_inverse(J, W, damping)
     n = J.shape[1]
-    x_dot = _vector(x_dot, 6, "x_dot")
+    x_dot = numbers("x_dot", x_dot, (6,), "m/s and rad/s")
+    inverse = weighted_pseudo_inverse(J, W, damping)
     velocity = inverse.matrix @ x_dot
     if z is not None:
         # Projected with the exact pseudo-inverse even where (22) is damped: the null space needs no damping.
-        velocity = velocity + nullspace_projector(J, W) @ _vector(z, n, "z")
+        velocity = velocity + nullspace_projector(J, W) @ numbers("z", z, (n,), "rad/s")
     return JointVelocity(velocity, x_dot - J @ velocity, inverse.sigma_min, inverse.damping)
 
 
@@ -143,10 +149,11 @@ def nullspace_projector(J: np.ndarray, W: np.ndarray | None = None) -> np.ndarra
     """I - J_W^+ J, (n, n): joint velocities that do not move the end-effector; exact at every rank of J."""
     J = _jacobian(J)
     L = _square_root(W, J.shape[1])
-    _, sigma, Vt = np.linalg.svd(J @ L, full_matrices=True)
+    _, sigma, Vt = np.linalg.svd(_weighted(J, L), full_matrices=True)
     rank = int((sigma > RANK_TOLERANCE * sigma[0]).sum())
     N = Vt[rank:].T  # (n, n - rank) orthonormal, in the coordinates L^-1 q_dot
-    return L @ N @ N.T @ np.linalg.inv(L)
+    with np.errstate(all="ignore"):
+        return numbers("null space of J", L @ N @ N.T @ np.linalg.inv(L))
 
 
 def jacobian_derivative(J: Any) -> Any:
@@ -155,7 +162,15 @@ def jacobian_derivative(J: Any) -> Any:
     For a serial arm and a Jacobian of its end-effector in base axes, a joint k before i turns the axis and the lever of
     column i; one after it moves the end-effector only:
     dJ_i / dq_k = [w_k x v_i; w_k x w_i] for k <= i, [w_i x v_k; 0] for k > i. Revolute and prismatic joints alike.
+
+    Raises
+    ------
+    ValueError
+        J is not (..., 6, n), or not finite.
     """
+    J = seen_through("J", J, numbers)
+    if J.ndim < 2 or J.shape[-2] != 6:
+        raise ValueError(f"J: expected a (..., 6, n) Jacobian, got shape {J.shape}")
     n = J.shape[-1]
     v, w = J[..., :3, :], J[..., 3:, :]
     out = np.zeros((*J.shape, n))
@@ -169,32 +184,39 @@ def jacobian_derivative(J: Any) -> Any:
     return out
 
 
-def _jacobian(J: np.ndarray) -> np.ndarray:
-    J = np.asarray(J, dtype=float)
-    if J.ndim != 2 or J.shape[0] != 6 or not np.isfinite(J).all():
-        raise ValueError(f"J: expected a finite (6, n) Jacobian, got shape {J.shape}")
+def _jacobian(J: Any) -> np.ndarray:
+    J = numbers("J", J, (6, None))
+    if not J.size:
+        raise ValueError(f"J: expected a (6, n) Jacobian of at least one joint, got shape {J.shape}")
     return J
 
 
-def _square_root(W: np.ndarray | None, n: int) -> np.ndarray:
+def _damping(damping: Any) -> Damping:
+    if not isinstance(damping, Damping):
+        raise ValueError(f"damping: expected Damping(threshold, maximum) or None, got {shown(damping)}")
+    return damping
+
+
+def _weighted(J: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """J L, finite: LAPACK would search for singular values of what is not, without end."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return numbers("J W^(1/2)", J @ L)
+
+
+def _square_root(W: Any, n: int) -> np.ndarray:
     """L with L L^T = W."""
     if W is None:
         return np.eye(n)
-    W = np.asarray(W, dtype=float)
+    W = numbers("W", W)
     if W.shape == (n,):
         W = np.diag(W)
-    if W.shape != (n, n) or not np.isfinite(W).all():
-        raise ValueError(f"W: expected finite ({n}, {n}) or ({n},), got shape {W.shape}")
-    if np.abs(W - W.T).max() > 1e-12 * np.abs(W).max():
-        raise ValueError(f"W: expected a symmetric matrix, got one off by {np.abs(W - W.T).max():.1e}")
+    if W.shape != (n, n):
+        raise ValueError(f"W: expected ({n}, {n}) or ({n},), got shape {W.shape}")
+    with np.errstate(over="ignore"):
+        off = np.abs(W - W.T).max()
+    if off > 1e-12 * np.abs(W).max():
+        raise ValueError(f"W: expected a symmetric matrix, got one off by {off:.1e}")
     try:
-        return np.linalg.cholesky(W)
+        return numbers("W^(1/2)", np.linalg.cholesky(W))
     except np.linalg.LinAlgError:
         raise ValueError(f"W: expected a positive definite matrix, got eigenvalues {np.linalg.eigvalsh(W)}") from None
-
-
-def _vector(x: np.ndarray, n: int, name: str) -> np.ndarray:
-    x = np.asarray(x, dtype=float)
-    if x.shape != (n,) or not np.isfinite(x).all():
-        raise ValueError(f"{name}: expected ({n},) finite numbers, got {x!r}")
-    return x

@@ -4,6 +4,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, is_symbolic, shown
 from k1607_pin.description.dh import DHTable, link_transform
 from k1607_pin.kinematics.vectors import components, cross, entries, vector
 
@@ -19,6 +20,20 @@ class Links(Protocol):
     def a(self) -> Any: ...
     @property
     def d(self) -> Any: ...
+
+
+def joint_angles(q: Any, n: int) -> Any:
+    """q as (..., n) finite floats; symbols as they are."""
+    if is_symbolic(q):
+        return np.stack(q) if isinstance(q, list | tuple) else q
+    q = as_floats("q", q, f"joint angles in rad of shape (..., {n})")
+    if not q.ndim or q.shape[-1] != n:
+        raise ValueError(f"q: expected joint angles in rad of shape (..., {n}), got shape {q.shape}")
+    with np.errstate(over="ignore"):
+        total = q.sum()  # one pass: NaN and infinity survive a sum
+    if not np.isfinite(total) and not np.isfinite(q).all():
+        raise ValueError("q: expected finite joint angles in rad, got NaN or infinity")
+    return q
 
 
 def cosines_and_sines(q: Any) -> tuple[list[Any], list[Any]]:
@@ -49,12 +64,18 @@ def frame_transforms(links: Links, c: Any, s: Any) -> list[Any]:
 
 def forward_kinematics(table: DHTable, q: Any) -> Any:
     """Frame n in frame 0, (..., 4, 4) m, for joint angles q (..., n) rad: eq. (3)."""
-    return frame_transforms(table, *cosines_and_sines(q + table.theta_offset))[-1]
+    return frame_transforms(table, *_of_table(table, q))[-1]
 
 
 def jacobian(table: DHTable, q: Any) -> Any:
     """(..., 6, n) of frame n, linear rows first, axes of frame 0, for joint angles q (..., n) rad: eq. (12)."""
-    return geometric_jacobian(frame_transforms(table, *cosines_and_sines(q + table.theta_offset)))
+    return geometric_jacobian(frame_transforms(table, *_of_table(table, q)))
+
+
+def _of_table(table: DHTable, q: Any) -> tuple[list[Any], list[Any]]:
+    if not isinstance(table, DHTable):
+        raise ValueError(f"table: expected a DHTable, got {shown(table)}")
+    return cosines_and_sines(joint_angles(q, len(table.a)) + table.theta_offset)
 
 
 def geometric_jacobian(frames: list[Any]) -> Any:

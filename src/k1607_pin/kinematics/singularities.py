@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from k1607_pin.arguments import numbers
 from k1607_pin.kinematics.closed_form import parameters
 
 
@@ -40,6 +41,7 @@ class Family(NamedTuple):
 
 def residuals(q: np.ndarray) -> dict[str, np.ndarray]:
     """For each of the four complete families, conditions that are all zero exactly on it; q (7,) rad."""
+    q = numbers("q", q, (7,), "rad")
     rows = _rows(q)
     elbow, wrist = np.sin(q[3] / 2), np.sin(q[5] / 2)
     return {

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from k1607_pin.arguments import numbers, shown
-from k1607_pin.kinematics.orientation import orientation_error
+from k1607_pin.kinematics.rotations import orientation_error
 from k1607_pin.kinematics.vectors import components, dot, entries, vector
 
 ROWS = {"pose": 6, "position": 3, "axis": 5}

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.inverse import RIGID
-from k1607_pin.kinematics.orientation import rotation, rotation_vector
+from k1607_pin.arm.inverse import require_arm, rigid
+from k1607_pin.kinematics.rotations import rotation, rotation_vector
+from k1607_pin.kinematics.task import POSE, Task, task_of
 from k1607_pin.paths.inverse_path import SINGULAR, JointPath, joint_path
 from k1607_pin.paths.joint_plan import require_within_limits
 from k1607_pin.paths.slow_down import slow_down
@@ -110,6 +111,7 @@ def plan_poses(
     angular: Limits = ANGULAR,
     sigma_min: float = SINGULAR,
     period: float = 0.01,
+    task: "Task | str" = POSE,
 ) -> PosePlan:
     """From rest at q0 straight to each pose in turn, with a stop there, as fast as limits and joints allow.
 
@@ -123,23 +125,30 @@ def plan_poses(
     poses : T_base_tool to go to, `pinocchio.SE3` or (4, 4) m; q0 : (n,) rad, where the arm is.
     linear, angular : limits of speed, acceleration and jerk along the line, m, and about the axis, rad.
     sigma_min, period : see `joint_path`.
+    task : what of the poses counts. "position": the origin alone, poses may be (3,) m; the plan's ``rotations`` are that at q0
+        and mean nothing. "axis", or a `Task`: the direction of one tool axis too, which turns the shortest way; the turn about it
+        is free.
 
     Raises
     ------
     ValueError
         Arguments of wrong shape, a pose that is not rigid, limits that are not positive, no pose other than that at q0.
+    TooFewJointsError
+        The task has more rows than the arm has joints; it says which task would do.
     UnreachableError, JointLimitError, SingularPathError
         The arm cannot follow: where, when and why; see `joint_path`.
     OverloadError
         A posture on the way is too much to hold; see `slow_down`.
     """
-    q0 = arm.as_vector(q0, "q0")
+    require_arm(arm)
+    q0, task = arm.as_vector(q0, "q0"), task_of(task)
     linear, angular = _limits("linear", linear), _limits("angular", angular)
     if not isinstance(poses, Iterable):
         raise ValueError(f"poses: expected a sequence of poses, got {type(poses).__name__}")
     T = [arm.forward_kinematics(q0).homogeneous]
     for k, pose in enumerate(poses):
-        if np.abs((there := _rigid(pose, k)) - T[-1]).max() > SAME:
+        there = _what_counts(rigid(f"poses[{k}]", pose, task), T[-1], task)
+        if np.abs(there - T[-1]).max() > SAME:
             T.append(there)
     if len(T) < 2:
         raise ValueError("poses: expected one that differs from the tool's at q0")
@@ -150,7 +159,7 @@ def plan_poses(
     both = Limits(*(np.array(pair) for pair in zip(linear, angular, strict=True)))
     distances = np.stack([lengths, angles], axis=1)
     path = PosePath(positions, rotations, joined([progress(d, both, k) for k, d in enumerate(distances)]))
-    slowed = slow_down(arm, joint_path(arm, path, q0, sigma_min=sigma_min, period=period))
+    slowed = slow_down(arm, joint_path(arm, path, q0, sigma_min=sigma_min, period=period, task=task))
     slower = path.progress.slower(slowed.factor)
     return PosePlan(positions, rotations, slower, slowed.plan, slowed.factor, slowed.reason)
 
@@ -162,14 +171,19 @@ def _limits(name: str, limits: Limits) -> Limits:
     return Limits(*x.tolist())
 
 
-def _rigid(pose: "pin.SE3 | np.ndarray", k: int) -> np.ndarray:
-    """(4, 4), its rotation mended to the nearest."""
-    T = np.array(pose.homogeneous if isinstance(pose, pin.SE3) else pose, dtype=float)
-    if T.shape != (4, 4) or not np.isfinite(T).all():
-        raise ValueError(f"poses[{k}]: expected a pinocchio.SE3 or a finite (4, 4) matrix, got shape {T.shape}")
-    R = T[:3, :3]
-    if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0 or not np.array_equal(T[3], [0, 0, 0, 1]):
-        raise ValueError(f"poses[{k}]: expected a rigid transform (rotation, position, last row 0 0 0 1), got\n{T}")
-    U, _, Vt = np.linalg.svd(R)
-    T[:3, :3] = U @ Vt
-    return T
+def _what_counts(goal: np.ndarray, now: np.ndarray, task: Task) -> np.ndarray:
+    """(4, 4): the goal, turned from where the tool is now no further than the task asks for."""
+    if task.name == "pose":
+        return goal
+    R = now[:3, :3]
+    if task.name == "axis":
+        about = task.rows(np.eye(6)[:, 3:], R)[3:]  # (2, 3): the two axes that turn the direction, base axes
+        half = (
+            task.error(goal[:3, 3], goal[:3, :3], now[:3, 3], R)[3:] @ about / 2
+        )  # (3,): axis times the sine of half the angle
+        R = rotation(np.array([np.sqrt(max(1 - half @ half, 0.0)), *half])) @ R
+        U, _, Vt = np.linalg.svd(R)  # rounding
+        R = U @ Vt
+    there = goal.copy()
+    there[:3, :3] = R
+    return there

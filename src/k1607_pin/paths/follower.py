@@ -8,8 +8,9 @@ import pinocchio as pin
 from scipy.optimize import minimize_scalar
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, pose_error
+from k1607_pin.arm.inverse import InverseKinematics, inverse_kinematics, pose_error, sigma_min_of
 from k1607_pin.arm.reach import CLOSE, UnreachableError
+from k1607_pin.kinematics.task import POSE, ROWS, Task
 from k1607_pin.paths.joint_plan import require_within_limits
 from k1607_pin.paths.spline import MOMENT, Spline, through
 
@@ -38,6 +39,24 @@ class SingularPathError(ValueError):
         return type(self), (self.time, self.position, self.sigma_min, self.threshold)
 
 
+class TooFewJointsError(SingularPathError):
+    """A task of more rows than the arm has joints."""
+
+    def __init__(self, arm: Arm, task: Task, position: np.ndarray) -> None:
+        self.time, self.position, self.sigma_min, self.threshold = 0.0, position, 0.0, 0.0
+        self._arm, self._task = arm, task
+        fits = [f'task="{kind}"' for kind, rows in sorted(ROWS.items(), key=lambda x: x[1]) if rows <= arm.n]
+        advice = f"pass {' or '.join(fits)}" if fits else "plan its joints instead, with plan_joints"
+        ValueError.__init__(
+            self,
+            f"task: expected one that the {arm.n} joints of {arm.name!r} can follow, "
+            f'got "{task.name}" of {task.size} rows; {advice}',
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._arm, self._task, self.position)
+
+
 class Wanted(NamedTuple):
     """The tool at one sample."""
 
@@ -61,15 +80,19 @@ class State(NamedTuple):
 class Follower:
     """An arm on its way along a path."""
 
-    def __init__(self, arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, threshold: float) -> None:
-        self.arm, self.path, self.rotation, self.threshold = arm, path, rotation, threshold
+    def __init__(
+        self, arm: Arm, path: Callable[[float], Any], rotation: np.ndarray, threshold: float, task: Task = POSE
+    ) -> None:
+        self.arm, self.path, self.rotation, self.threshold, self.task = arm, path, rotation, threshold, task
         self.lower, self.upper = arm.lower, arm.upper
         span = self.upper - self.lower
         self.margin = MARGIN * np.where(np.isfinite(span), span, 2 * np.pi)
 
     def start(self, q0: np.ndarray) -> State:
         wanted = self.wanted(0.0)
-        found = inverse_kinematics(self.arm, wanted.pose, q0)
+        if self.arm.n < self.task.size:
+            raise TooFewJointsError(self.arm, self.task, wanted.pose.translation)
+        found = inverse_kinematics(self.arm, wanted.pose, q0, task=self.task)
         if not found.converged:
             raise UnreachableError(self.arm, 0.0, wanted.pose.translation, found)
         return self.motion(wanted, found.q)
@@ -90,38 +113,48 @@ class Follower:
         require_within_limits(self.arm, q, t, wanted.pose.translation)
         # at a third: halfway, errors of the two ends' velocities cancel
         between = joined(np.array([0.0, h]), [last, state])(h / 3)
-        error = pose_error(self.pose(before + h / 3), self.arm.forward_kinematics(between))
+        error = pose_error(self.pose(before + h / 3), self.arm.forward_kinematics(between), self.task)
         return state, np.array([np.linalg.norm(error[:3]), np.linalg.norm(error[3:])])
 
     def onto(self, wanted: pin.SE3, guess: np.ndarray) -> np.ndarray | None:
         """(n,): the posture next to ``guess`` that is exactly on the path."""
         q = guess
         for _ in range(NEWTON_STEPS):
-            error = pose_error(wanted, self.arm.forward_kinematics(q))
+            actual = self.arm.forward_kinematics(q)
+            error = pose_error(wanted, actual, self.task)
             if np.abs(error).max() < NEWTON_TOLERANCE:
                 return q
-            J = self.arm.jacobian(q)
+            J = self.task.rows(self.arm.jacobian(q), actual.rotation)
             K = self.weights(q)[0][:, None] * J.T
             try:
                 q = q + K @ np.linalg.solve(J @ K, error)
             except np.linalg.LinAlgError:
                 return None
-            if np.abs(q - guess).max() > LEAP:
+            if not np.abs(q - guess).max() <= LEAP:  # NaN too
                 return None
         return None
 
     def motion(self, wanted: Wanted, q: np.ndarray) -> State:
         """Velocity by (22), and acceleration as its derivative, the change of W and J included."""
         J, sigma = self.jacobian(wanted.time, q)
+        R, task = self.arm.forward_kinematics(q).rotation, self.task
         share, slope = self.weights(q)
-        K = share[:, None] * J.T  # (n, 6)
-        A = J @ K  # (6, 6)
-        force = np.linalg.solve(A, wanted.velocity)  # (6,)
+        K = share[:, None] * J.T  # (n, m)
+        A = J @ K  # (m, m)
+        force = np.linalg.solve(A, task.rows(wanted.velocity, R))  # (m,)
         v = K @ force
-        J_dot = self.arm.jacobian_time_variation(q, v)
+        whole = self.arm.jacobian(q)
+        J_dot = task.rows(self.arm.jacobian_time_variation(q, v), R)
+        if task.name == "axis":  # its rows turn with the tool
+            R_dot = np.cross((whole @ v)[3:], R, axisb=0, axisc=0)
+            J_dot = J_dot + turned(task, whole, R_dot)
         drift = slope * v * (J.T @ force) + share * (J_dot.T @ force)  # (n,): the acceleration, were `force` to stay
         bias = J_dot @ v + J @ drift
-        a, a_before = (drift + K @ np.linalg.solve(A, x_ddot - bias) for x_ddot in (wanted.after, wanted.before))
+        if task.name == "axis":
+            bias = bias - turned(task, wanted.velocity, R_dot)
+        a, a_before = (
+            drift + K @ np.linalg.solve(A, task.rows(x_ddot, R) - bias) for x_ddot in (wanted.after, wanted.before)
+        )
         return State(q, v, a, a_before, sigma)
 
     def weights(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -133,12 +166,17 @@ class Follower:
         return share, np.where(to_lower < to_upper, slope, -slope)
 
     def jacobian(self, t: float, q: np.ndarray) -> tuple[np.ndarray, float]:
-        """(6, n), and its smallest singular value, which is not below the threshold."""
-        J = self.arm.jacobian(q)
-        sigma = float(np.linalg.svd(J, compute_uv=False)[-1]) if self.arm.n >= 6 else 0.0
+        """(m, n) the task's rows, and their smallest singular value, which is not below the threshold."""
+        J = self.rows(q)
+        sigma = sigma_min_of(J)
         if not sigma >= self.threshold:
             raise SingularPathError(t, self.pose(t).translation, sigma, self.threshold)
         return J, sigma
+
+    def rows(self, q: np.ndarray) -> np.ndarray:
+        """(m, n)"""
+        rows: np.ndarray = self.task.rows(self.arm.jacobian(q), self.arm.forward_kinematics(q).rotation)
+        return rows
 
     def pose(self, t: float) -> pin.SE3:
         return self.pose_of(self.path(t))
@@ -176,7 +214,7 @@ class Follower:
         raise UnreachableError(self.arm, float(t), self.pose(t).translation, found)
 
     def inverse(self, t: float, q: np.ndarray) -> InverseKinematics:
-        return inverse_kinematics(self.arm, self.pose(t), q, CLOSE, CLOSE, starts=STARTS)
+        return inverse_kinematics(self.arm, self.pose(t), q, CLOSE, CLOSE, starts=STARTS, task=self.task)
 
     def refuse(self, t: float, error: np.ndarray, q: np.ndarray) -> None:
         """A point that the posture before does not lead on to."""
@@ -195,12 +233,19 @@ class Follower:
         for k in range(1, len(times) - 1):
             if sigma[k - 1] > sigma[k] <= sigma[k + 1] and sigma[k] < NEAR * self.threshold:
                 closest = minimize_scalar(
-                    lambda t: np.linalg.svd(self.arm.jacobian(spline(t)), compute_uv=False)[-1],
+                    lambda t: sigma_min_of(self.rows(spline(t))),
                     bounds=(times[k - 1], times[k + 1]),
                     method="bounded",
                     options={"xatol": 1e-6},
                 )
                 self.jacobian(float(closest.x), spline(closest.x))
+
+
+def turned(task: Task, twist: np.ndarray, R_dot: np.ndarray) -> np.ndarray:
+    """(m,) or (m, n): what the rows of ``twist`` (6,) or (6, n) change by as the tool's rotation does; they are linear in it."""
+    rates: np.ndarray = task.rows(twist, R_dot)
+    rates[:3] = 0
+    return rates
 
 
 def joined(times: np.ndarray, states: list[State]) -> Spline:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.kinematics.task import POSE, Task, task_of
 from k1607_pin.paths.follower import Follower, SingularPathError, joined
 from k1607_pin.paths.joint_plan import JointLimitError, JointPlan, require_joint_limits
 
@@ -27,7 +28,7 @@ class JointPath(JointPlan):
     """Joint angles along a path of the tool."""
 
     sigma_min: np.ndarray
-    """(m + 1,) smallest singular value of J at `spline.times`"""
+    """(m + 1,) smallest singular value of the task's rows of J at `spline.times`"""
     position_error: float
     """m: how far off its path the tool is on a third of the way between samples, at most"""
     orientation_error: float
@@ -42,6 +43,7 @@ def joint_path(
     rotation: np.ndarray | None = None,
     period: float = 0.01,
     sigma_min: float = SINGULAR,
+    task: "Task | str" = POSE,
 ) -> JointPath:
     """Joint angles that take the tool along a path: exact at samples, quintic polynomials in between.
 
@@ -57,7 +59,8 @@ def joint_path(
     duration : s; defaults to the path's own.
     rotation : (3, 3) tool in base, held by a path without rotation; defaults to that at q0.
     period : s, between samples at most; no less than 1/64 of it.
-    sigma_min : what the smallest singular value of J must not fall below.
+    sigma_min : what the smallest singular value of the task's rows of J must not fall below.
+    task : what of the pose the tool is to follow: "pose", "position", "axis" or a `Task`.
 
     Raises
     ------
@@ -68,12 +71,14 @@ def joint_path(
     JointLimitError
         There is one, but the way there leads out of the limits.
     SingularPathError
-        The path comes too close to a singularity, if only between samples.
+        The path comes too close to a singularity of the task, if only between samples.
+    TooFewJointsError
+        The task has more rows than the arm has joints.
     """
     q = arm.as_vector(q0, "q0")
     duration = _positive("duration", getattr(path, "duration", None) if duration is None else duration)
     period, sigma_min = _positive("period", period), _positive("sigma_min", sigma_min)
-    follower = Follower(arm, path, _rotation(arm, q, rotation), sigma_min)
+    follower = Follower(arm, path, _rotation(arm, q, rotation), sigma_min, task_of(task))
     ahead = _samples(duration, period, getattr(path, "times", ()))[:0:-1].tolist()  # the next one last
     times, states, errors = [0.0], [follower.start(q)], []
     while ahead:
