@@ -72,8 +72,38 @@ def test_friction_takes_what_the_motors_give_at_steady_motion():
         plant, Hold(arm, 0.0, 0.0), posture(arm), 0.5, np.full(7, 0.3), physics_step=0.001, step=runge_kutta_4
     )
     assert float(log.dissipated[-1]) > 0.5
-    # the trapezoid over a step of a friction that falls off within 50 ms: second order
+    # the time constants of a light last joint under this friction are a few steps long
     assert abs(float(log.energy_residual[-1])) < 1e-3 * float(log.dissipated[-1])
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_the_account_of_friction_and_of_the_world_is_as_good_as_the_integrator(outside):
+    """Order 4 with Runge-Kutta's, shown by halving the step; no motor works and all else is smooth."""
+    arm = k1607.load_k1607()
+    plant = Plant(arm) if outside else Plant(arm, viscous=np.full(7, 0.5))
+
+    def drag(t, q, v):
+        return Wrench(force=-20.0 * (arm.jacobian(q) @ v)[:3])
+
+    def left(dt):
+        log = simulate(
+            plant,
+            Hold(arm, 0.0, 0.0),
+            posture(arm),
+            0.4,
+            np.linspace(-0.5, 0.5, 7),
+            0.04,
+            dt,
+            runge_kutta_4,
+            external=drag if outside else None,
+        )
+        assert abs(float(log.external_work[-1] if outside else log.dissipated[-1])) > 0.05
+        return abs(float(log.energy_residual[-1]))
+
+    residuals = [left(dt) for dt in (0.02, 0.01, 0.005)]
+    orders = np.log2(np.array(residuals[:-1]) / residuals[1:])
+    print(residuals, orders)
+    assert orders[-1] > 3.5
 
 
 def test_no_payload_changes_no_bit(arm):

@@ -10,6 +10,7 @@ import xarray as xr
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.payload import velocity_after_gripping, with_payload
 from k1607_pin.arm.wrench import Wrench, wrench_at_tool, wrench_torque
+from k1607_pin.simulation.account import work_rule
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import NOTHING, PayloadSchedule
@@ -132,7 +133,7 @@ def simulate(
     schedule = PayloadSchedule(payloads, duration)
     variables = VARIABLES | dict(getattr(controller, "variables", {})) | dict(getattr(observe, "variables", {}))
     state = controller.start(q.copy(), v.copy(), duration)  # its own: what it writes into them is not where the arm is
-    carried = NOTHING
+    carried, work_of = NOTHING, work_rule(step)
     changes, work, from_outside, dissipated, brought = 0, 0.0, 0.0, 0.0, 0.0
     records: list[dict[str, Any]] = []
     start_energy = plant.energy(q, v)
@@ -193,11 +194,10 @@ def simulate(
             if not np.abs(v_next).max() < RUNAWAY:  # NaN included; a finite v gives a finite q
                 log_so_far = _dataset(records, control_period, bare, variables)
                 raise SimulationError(t + i * physics_step, q, v, log_so_far)
-            moved = q_next - q
-            work += float(tau @ moved)  # exact: the torque is held
-            dissipated += float((plant.loss_torque(q, v) + plant.loss_torque(q_next, v_next)) / 2 @ moved)
+            work += float(tau @ (q_next - q))  # exact: the torque is held
+            dissipated += work_of(plant.loss_torque, (q, v), (q_next, v_next), physics_step)
             if push:
-                from_outside += float((push(q, v) + push(q_next, v_next)) / 2 @ moved)
+                from_outside += work_of(push, (q, v), (q_next, v_next), physics_step)
             q, v = q_next, v_next
     return _dataset(records, control_period, bare, variables)
 
