@@ -31,7 +31,7 @@ def slide(n: int = 3) -> Arm:
 
 
 def case(rng: np.random.Generator, n: int) -> tuple[np.ndarray, Limits, bool]:
-    """Waypoints (m, n), limits and whether to stop: sizes between 1e-8 and 1e4, each limit between 1e-6 and 1e6; round at times."""
+    """Waypoints (m, n), limits and whether to stop: sizes 1e-8 to 1e4, limits 1e-6 to 1e6; round at times."""
     m = int(rng.integers(1, 4))
     steps = 10 ** rng.uniform(-8, 4, (m, 1)) * rng.uniform(-1, 1, (m, n))
     if rng.random() < 0.3:  # of several magnitudes in one motion

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import pinocchio as pin
 
+from k1607_pin.arguments import as_floats, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import RIGID
 from k1607_pin.kinematics.orientation import rotation, rotation_vector
@@ -156,15 +157,17 @@ def plan_poses(
 
 
 def _limits(name: str, limits: Limits) -> Limits:
-    x = np.array(limits, dtype=float)
+    expected = "Limits of positive velocity, acceleration and jerk, finite"
+    x = as_floats(name, limits, expected)
     if x.shape != (3,) or not np.isfinite(x).all() or not (x > 0).all():
-        raise ValueError(f"{name}: expected Limits of positive velocity, acceleration and jerk, got {limits!r}")
+        raise ValueError(f"{name}: expected {expected}, got {shown(limits)}")
     return Limits(*x.tolist())
 
 
 def _rigid(pose: "pin.SE3 | np.ndarray", k: int) -> np.ndarray:
     """(4, 4), its rotation mended to the nearest."""
-    T = np.array(pose.homogeneous if isinstance(pose, pin.SE3) else pose, dtype=float)
+    T = pose.homogeneous if isinstance(pose, pin.SE3) else pose
+    T = np.array(as_floats(f"poses[{k}]", T, "a pinocchio.SE3 or a finite (4, 4) matrix"))
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise ValueError(f"poses[{k}]: expected a pinocchio.SE3 or a finite (4, 4) matrix, got shape {T.shape}")
     R = T[:3, :3]
