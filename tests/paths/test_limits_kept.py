@@ -97,3 +97,18 @@ def test_no_motion_says_so_in_a_sentence():
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
     assert "coordinate, 0, should go from 0 at 3 to 1 at 0" in str(caught.value)
+
+
+@pytest.mark.parametrize("faster", [1e-6, 1e3, 1e6])
+def test_a_plan_from_pose_to_pose_may_take_microseconds_or_days(faster):
+    """The way of the joints is the same at any speed; the joints' own limits are what is left of haste."""
+    arm, q0 = k1607.load_example("panda"), np.array([0.0, -0.3, 0.0, -1.8, 0.0, 1.6, 0.5])
+    T = arm.forward_kinematics(q0)
+    goal = pin.SE3(T.rotation, T.translation + np.array([0.01, 0.0, 0.0]))
+    linear, angular = (Limits(*(x * faster**k for k, x in enumerate(way, 1))) for way in ((0.25, 0.5, 5), (0.5, 1, 10)))
+    plan = plan_poses(arm, [goal], q0, linear, angular, period=0.5)
+    assert plan.duration / plan.factor == pytest.approx(0.4 / faster, rel=1e-9)
+    assert plan.joints.duration == pytest.approx(plan.duration, rel=1e-12)
+    t = np.linspace(0, plan.duration, 13)
+    for q, position in zip(plan.joints(t).position, plan(t).position, strict=True):
+        assert arm.forward_kinematics(q).translation == pytest.approx(position, abs=1e-6)

@@ -102,7 +102,6 @@ def test_the_account_of_friction_and_of_the_world_is_as_good_as_the_integrator(o
 
     residuals = [left(dt) for dt in (0.02, 0.01, 0.005)]
     orders = np.log2(np.array(residuals[:-1]) / residuals[1:])
-    print(residuals, orders)
     assert orders[-1] > 3.5
 
 

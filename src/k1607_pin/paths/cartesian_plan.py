@@ -22,6 +22,7 @@ LINEAR = Limits(0.25, 0.5, 5.0)
 """m: ISO 10218-1's reduced speed, reached in half a second as for joints; assumed."""
 ANGULAR = Limits(0.5, 1.0, 10.0)
 """rad: assumed"""
+SHORTEST, LONGEST = 0.1, 100.0  # s: durations at which `joint_path` takes some ten to some ten thousand samples
 SAME = 1e-9  # m, and entries of a rotation matrix
 
 
@@ -151,9 +152,23 @@ def plan_poses(
     both = Limits(*(np.array(pair) for pair in zip(linear, angular, strict=True)))
     distances = np.stack([lengths, angles], axis=1)
     path = PosePath(positions, rotations, joined([progress(d, both, k) for k, d in enumerate(distances)]))
-    slowed = slow_down(arm, joint_path(arm, path, q0, sigma_min=sigma_min, period=period))
+    slowed = slow_down(arm, _joints(arm, path, q0, sigma_min, period))
     slower = path.progress.slower(slowed.factor)
     return PosePlan(positions, rotations, slower, slowed.plan, slowed.factor, slowed.reason)
+
+
+def _joints(arm: Arm, path: PosePath, q0: np.ndarray, sigma_min: float, period: float) -> JointPath:
+    """`joint_path`, whose way does not depend on how fast it is gone: in microseconds or years as in seconds or minutes."""
+    scale = min(max(path.duration, SHORTEST), LONGEST) / path.duration
+    if scale == 1:
+        return joint_path(arm, path, q0, sigma_min=sigma_min, period=period)
+    try:
+        return joint_path(arm, path.slower(scale), q0, sigma_min=sigma_min, period=period).slower(1 / scale)
+    except ValueError as error:
+        error.add_note(
+            f"times are those of the path gone in {scale * path.duration:g} s instead of {path.duration:g} s"
+        )
+        raise
 
 
 def _limits(name: str, limits: Limits) -> Limits:
