@@ -8,6 +8,7 @@ import pytest
 import k1607_pin as k1607
 from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.arm.wrench import Wrench
+from k1607_pin.simulation.account import simpson, trapezoid, work_rule
 from k1607_pin.simulation.integrators import runge_kutta_4, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.simulate import SimulationError, simulate
@@ -103,6 +104,16 @@ def test_the_account_of_friction_and_of_the_world_is_as_good_as_the_integrator(o
     residuals = [left(dt) for dt in (0.02, 0.01, 0.005)]
     orders = np.log2(np.array(residuals[:-1]) / residuals[1:])
     assert orders[-1] > 3.5
+
+
+def test_only_runge_kutta_s_account_is_by_simpson_s_rule():
+    assert work_rule(runge_kutta_4) is simpson
+    assert work_rule(semi_implicit_euler) is work_rule(lambda *_: None) is trapezoid
+    # q = t^2 (1, 2), a force 3 v: the integral of 3 v^2 is 20 h^3, which the cubic meets exactly
+    h, way = 0.1, np.array([1.0, 2.0])
+    ends = (np.zeros(2), np.zeros(2)), (h * h * way, 2 * h * way)
+    assert simpson(lambda q, v: 3 * v, *ends, h) == pytest.approx(20 * h**3, rel=1e-14)
+    assert trapezoid(lambda q, v: 3 * v, *ends, h) == pytest.approx(15 * h**3, rel=1e-14)
 
 
 def test_no_payload_changes_no_bit(arm):

@@ -110,8 +110,10 @@ def simulate(
     carries the tool, about the tool's origin, base axes, zero while it acts on another link; ``payload`` kg, ``payload_changes``
     how often it has changed; and in J ``energy``, ``work`` done by the motors, ``external_work``, ``dissipated`` by friction and
     stops, ``payload_energy`` brought or taken by payloads, and ``energy_residual`` = energy - energy at 0 - work - external_work
-    + dissipated - payload_energy: what the integrator made or lost. And what controller and observer log, dimensions named after
-    it where they do not say otherwise. Of a prismatic joint read m for rad and N for N m.
+    + dissipated - payload_energy: what the integrator made or lost. The account is of the integrator's order, fourth with
+    `runge_kutta_4`, where forces are smooth over a step; Coulomb friction that turns round within one is not. And what controller
+    and observer log, dimensions named after it where they do not say otherwise. Of a prismatic joint read m for rad and N for
+    N m.
 
     Raises
     ------
