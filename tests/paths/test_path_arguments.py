@@ -87,6 +87,12 @@ def test_a_time_that_is_none_is_refused(wrong):
         PLAN(wrong)
 
 
+@pytest.mark.parametrize("wrong", [None, 1.0, (1.0, 2.0), "abc"])
+def test_what_are_no_limits_is_refused(wrong):
+    with pytest.raises(ValueError, match="limits: expected Limits"):
+        straight(0 * THREE, THREE, wrong)
+
+
 def test_what_is_no_plan_and_no_path_is_refused():
     with pytest.raises(ValueError, match="plan: expected a JointPlan"):
         slow_down(ARM, LINE)

@@ -71,7 +71,7 @@ def fastest(start: np.ndarray, end: np.ndarray, v_start: np.ndarray, v_end: np.n
 
 def each(limits: Limits, shape: tuple[int, ...]) -> Limits:
     """Limits of ``shape`` each; refuses what is not positive and finite."""
-    if len(limits) != 3:
+    if not isinstance(limits, tuple | list) or len(limits) != 3:
         raise ValueError(f"limits: expected Limits of velocity, acceleration and jerk, got {shown(limits)}")
     found = []
     for name, x in zip(Limits._fields, limits, strict=True):
@@ -96,7 +96,9 @@ def _by_ruckig(start: np.ndarray, end: np.ndarray, v_start: np.ndarray, v_end: n
     moved = np.abs(distance) > 0
     if not moved.any():
         raise NoMotionError("no motion found: no coordinate has a distance to go, and not all are at rest")
-    second = max(s_curve(*(float(x[i] / abs(distance[i])) for x in limits)).duration for i in np.flatnonzero(moved))
+    second = max(
+        s_curve(*(float(np.asarray(x)[i] / abs(distance[i])) for x in limits)).duration for i in np.flatnonzero(moved)
+    )
     unit = np.where(moved, np.abs(distance), limits.velocity * second)  # of length, each coordinate's own
     wanted = ruckig.InputParameter(n)
     wanted.current_position, wanted.target_position = np.zeros(n), distance / unit
@@ -165,7 +167,7 @@ def progress(distances: np.ndarray, limits: Limits, start: float = 0.0) -> Splin
     if not (distances >= 0).all() or not distances.any():
         raise ValueError(f"distances: expected numbers >= 0, not all zero, got {shown(distances)}")
     moved = distances > 0
-    rates = (float((x[moved] / distances[moved]).min()) for x in each(limits, distances.shape))
+    rates = (float((np.asarray(x)[moved] / distances[moved]).min()) for x in each(limits, distances.shape))
     share = s_curve(*rates)
     return shifted(share, start)
 
