@@ -51,6 +51,13 @@ def test_plans_keep_their_limits(slide, steps, v, a, j, stop):
     assert plan(plan.duration).position == pytest.approx(ways[-1], rel=1e-9)
 
 
+def test_a_short_stretch_after_a_long_one_keeps_its_limits(slide):
+    """Times of 3e6 s have last places of 5e-10 s: more than it takes this jerk to reach the acceleration."""
+    v, a, j = 5.67e-5, 1e-5, 2e5
+    plan = plan_joints(slide, [[-166.4, 0.0], [-166.40000001, 0.0]], np.zeros(2), v, a, j, stop=True)
+    assert max(shares(plan.spline, Limits(*(np.full(2, x) for x in (v, a, j))))) <= 1
+
+
 @given(magnitude, magnitude, st.sampled_from([1.0, 2.0, 0.5, 4.0]), st.sampled_from([1.0, 0.5, 2.0]))
 def test_round_ratios_are_planned(slide, a, j, of_distance, of_velocity):
     """At a distance of 2 a^3/j^2, and a velocity of a^2/j, one phase ends just as the next begins."""

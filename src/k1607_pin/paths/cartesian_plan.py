@@ -14,6 +14,7 @@ from k1607_pin.arm.inverse import RIGID
 from k1607_pin.kinematics.orientation import rotation, rotation_vector
 from k1607_pin.paths.inverse_path import SINGULAR, JointPath, joint_path
 from k1607_pin.paths.joint_plan import require_within_limits
+from k1607_pin.paths.s_curve import grid_for
 from k1607_pin.paths.slow_down import slow_down
 from k1607_pin.paths.spline import Spline, joined
 from k1607_pin.paths.timing import Limits, progress
@@ -151,7 +152,10 @@ def plan_poses(
     angles = np.linalg.norm(rotation_vector(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2)), axis=1)
     both = Limits(*(np.array(pair) for pair in zip(linear, angular, strict=True)))
     distances = np.stack([lengths, angles], axis=1)
-    path = PosePath(positions, rotations, joined([progress(d, both, k) for k, d in enumerate(distances)]))
+    grid = grid_for(
+        sum(progress(d, both).duration for d in distances)
+    )  # one for all: no time is rounded where they join
+    path = PosePath(positions, rotations, joined([progress(d, both, k, grid) for k, d in enumerate(distances)]))
     slowed = slow_down(arm, _joints(arm, path, q0, sigma_min, period))
     slower = path.progress.slower(slowed.factor)
     return PosePlan(positions, rotations, slower, slowed.plan, slowed.factor, slowed.reason)

@@ -8,8 +8,9 @@ import numpy as np
 
 from k1607_pin.arguments import as_floats, shown
 from k1607_pin.arm.arm import Arm
+from k1607_pin.paths.s_curve import grid_for
 from k1607_pin.paths.spline import Spline, joined
-from k1607_pin.paths.timing import Limits, NoMotionError, fastest, straight
+from k1607_pin.paths.timing import EXCESS, Limits, NoMotionError, fastest, shares, straight
 
 UP_TO_SPEED = 0.5  # s, from rest to the velocity limit: what acceleration defaults to; assumed, as no arm's URDF says
 UP_TO_ACCELERATION = 0.1  # s, from none to the acceleration limit: what jerk defaults to; assumed
@@ -106,9 +107,12 @@ def plan_joints(
         raise ValueError("waypoints: expected one that differs from q0")
     q, limits = np.array(ways), joint_limits(arm, velocity, acceleration, jerk)
     stretches = [straight(*ends, limits) for ends in pairwise(q)]
-    if not stop:
-        stretches = _without_stops(q, stretches, limits)
-    spline = joined(stretches)
+    grid = grid_for(_duration(stretches))  # one for all, so that no time is rounded where they join
+    spline = joined([straight(*ends, limits, grid) for ends in pairwise(q)])
+    if not stop and len(stretches) > 1:
+        onward = joined(_without_stops(q, stretches, limits))
+        if max(shares(onward, limits)) <= 1 + EXCESS:
+            spline = onward
     require_joint_limits(arm, spline)
     return JointPlan(spline)
 

@@ -12,13 +12,14 @@ ROUNDING = 1e-14  # of the limits, left to the rounding of what is computed from
 GRID = 2.0**-48  # of the duration: times are whole multiples, so that their sums are exact
 
 
-def s_curve(velocity: float, acceleration: float, jerk: float) -> Spline:
+def s_curve(velocity: float, acceleration: float, jerk: float, grid: float = 0.0) -> Spline:
     """(1,): from 0 to 1, at rest there, the fastest within positive limits, per s, s^2 and s^3.
 
-    Times are rounded up, which lowers velocity, acceleration and jerk.
+    Times are rounded up, which lowers velocity, acceleration and jerk: to whole multiples of ``grid`` [s], a power of two, or of
+    the motion's own if that is coarser.
     """
     t_j, t_a, t_v = phases(*((1 - ROUNDING) * x for x in (velocity, acceleration, jerk)))
-    grid = GRID * 2.0 ** np.ceil(np.log2(4 * t_j + 2 * t_a + t_v))
+    grid = max(grid, grid_for(4 * t_j + 2 * t_a + t_v))
     t_j, t_a, t_v = (grid * np.ceil(t / grid) for t in (t_j, t_a, t_v))
     held = np.array([t_j, t_a, t_j, t_v, t_j, t_a, t_j])
     j = 1 / (2 * t_j + t_a + t_v) / (t_j + t_a) / t_j
@@ -26,6 +27,11 @@ def s_curve(velocity: float, acceleration: float, jerk: float) -> Spline:
     times = np.append(0.0, np.cumsum(held[lasting]))
     signs = np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])[lasting]
     return of_jerk(times, j * signs[:, None], np.zeros(1), np.zeros(1))
+
+
+def grid_for(duration: float) -> float:
+    """s: a power of two, of which sums up to the duration are exact."""
+    return float(GRID * 2.0 ** np.ceil(np.log2(duration)))
 
 
 def phases(velocity: float, acceleration: float, jerk: float) -> tuple[float, float, float]:

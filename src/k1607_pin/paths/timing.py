@@ -153,10 +153,10 @@ def _apart(times: np.ndarray, T: float) -> np.ndarray:
     return np.concatenate([[0.0], inside[first], [T]])
 
 
-def progress(distances: np.ndarray, limits: Limits, start: float = 0.0) -> Spline:
+def progress(distances: np.ndarray, limits: Limits, start: float = 0.0, grid: float = 0.0) -> Spline:
     """(1,): from ``start`` to one more, from rest to rest, the fastest at which no share of the distances exceeds its limits.
 
-    distances : (k,) >= 0, not all zero; limits : (k,) each, or numbers.
+    distances : (k,) >= 0, not all zero; limits : (k,) each, or numbers; grid : see `s_curve`.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def progress(distances: np.ndarray, limits: Limits, start: float = 0.0) -> Splin
         raise ValueError(f"distances: expected numbers >= 0, not all zero, got {shown(distances)}")
     moved = distances > 0
     rates = (float((np.asarray(x)[moved] / distances[moved]).min()) for x in each(limits, distances.shape))
-    share = s_curve(*rates)
+    share = s_curve(*rates, grid)
     return shifted(share, start)
 
 
@@ -179,7 +179,7 @@ def shifted(spline: Spline, by: "np.ndarray | float") -> Spline:
     return Spline(spline.times, coefficients)
 
 
-def straight(start: np.ndarray, end: np.ndarray, limits: Limits) -> Spline:
+def straight(start: np.ndarray, end: np.ndarray, limits: Limits, grid: float = 0.0) -> Spline:
     """All n coordinates from ``start`` to ``end`` (n,), from rest to rest, on the straight line between them.
 
     Raises
@@ -191,5 +191,5 @@ def straight(start: np.ndarray, end: np.ndarray, limits: Limits) -> Spline:
     end = numbers("end", end, start.shape)
     if not (end - start).any():
         raise ValueError("end: expected one that differs from start")
-    share = progress(np.abs(end - start), limits)
+    share = progress(np.abs(end - start), limits, grid=grid)
     return shifted(Spline(share.times, share.coefficients * (end - start)), start)
