@@ -167,8 +167,10 @@ def progress(distances: np.ndarray, limits: Limits, start: float = 0.0, grid: fl
     if not (distances >= 0).all() or not distances.any():
         raise ValueError(f"distances: expected numbers >= 0, not all zero, got {shown(distances)}")
     moved = distances > 0
-    rates = (float((np.asarray(x)[moved] / distances[moved]).min()) for x in each(limits, distances.shape))
-    share = s_curve(*rates, grid)
+    velocity, acceleration, jerk = (
+        float((np.asarray(x)[moved] / distances[moved]).min()) for x in each(limits, distances.shape)
+    )
+    share = s_curve(velocity, acceleration, jerk, grid)
     return shifted(share, start)
 
 
