@@ -8,6 +8,7 @@ import pytest
 import k1607_pin as k1607
 from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.arm.wrench import Wrench
+from k1607_pin.simulation.account import simpson, trapezoid, work_rule
 from k1607_pin.simulation.integrators import runge_kutta_4, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.simulate import SimulationError, simulate
@@ -72,8 +73,47 @@ def test_friction_takes_what_the_motors_give_at_steady_motion():
         plant, Hold(arm, 0.0, 0.0), posture(arm), 0.5, np.full(7, 0.3), physics_step=0.001, step=runge_kutta_4
     )
     assert float(log.dissipated[-1]) > 0.5
-    # the trapezoid over a step of a friction that falls off within 50 ms: second order
+    # the time constants of a light last joint under this friction are a few steps long
     assert abs(float(log.energy_residual[-1])) < 1e-3 * float(log.dissipated[-1])
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_the_account_of_friction_and_of_the_world_is_as_good_as_the_integrator(outside):
+    """Order 4 with Runge-Kutta's, shown by halving the step; no motor works and all else is smooth."""
+    arm = k1607.load_k1607()
+    plant = Plant(arm) if outside else Plant(arm, viscous=np.full(7, 0.5))
+
+    def drag(t, q, v):
+        return Wrench(force=-20.0 * (arm.jacobian(q) @ v)[:3])
+
+    def left(dt):
+        log = simulate(
+            plant,
+            Hold(arm, 0.0, 0.0),
+            posture(arm),
+            0.4,
+            np.linspace(-0.5, 0.5, 7),
+            0.04,
+            dt,
+            runge_kutta_4,
+            external=drag if outside else None,
+        )
+        assert abs(float(log.external_work[-1] if outside else log.dissipated[-1])) > 0.05
+        return abs(float(log.energy_residual[-1]))
+
+    residuals = [left(dt) for dt in (0.02, 0.01, 0.005)]
+    orders = np.log2(np.array(residuals[:-1]) / residuals[1:])
+    assert orders[-1] > 3.5
+
+
+def test_only_runge_kutta_s_account_is_by_simpson_s_rule():
+    assert work_rule(runge_kutta_4) is simpson
+    assert work_rule(semi_implicit_euler) is work_rule(lambda *_: None) is trapezoid
+    # q = t^2 (1, 2), a force 3 v: the integral of 3 v^2 is 20 h^3, which the cubic meets exactly
+    h, way = 0.1, np.array([1.0, 2.0])
+    ends = (np.zeros(2), np.zeros(2)), (h * h * way, 2 * h * way)
+    assert simpson(lambda q, v: 3 * v, *ends, h) == pytest.approx(20 * h**3, rel=1e-14)
+    assert trapezoid(lambda q, v: 3 * v, *ends, h) == pytest.approx(15 * h**3, rel=1e-14)
 
 
 def test_no_payload_changes_no_bit(arm):

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import pinocchio as pin
 
+from k1607_pin.arguments import as_floats, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.inverse import require_arm, rigid
 from k1607_pin.kinematics.rotations import rotation, rotation_vector
 from k1607_pin.kinematics.task import POSE, Task, task_of
 from k1607_pin.paths.inverse_path import SINGULAR, JointPath, joint_path
 from k1607_pin.paths.joint_plan import require_within_limits
+from k1607_pin.paths.s_curve import grid_for
 from k1607_pin.paths.slow_down import slow_down
 from k1607_pin.paths.spline import Spline, joined
 from k1607_pin.paths.timing import Limits, progress
@@ -22,6 +24,7 @@ LINEAR = Limits(0.25, 0.5, 5.0)
 """m: ISO 10218-1's reduced speed, reached in half a second as for joints; assumed."""
 ANGULAR = Limits(0.5, 1.0, 10.0)
 """rad: assumed"""
+SHORTEST, LONGEST = 0.1, 100.0  # s: durations at which `joint_path` takes some ten to some ten thousand samples
 SAME = 1e-9  # m, and entries of a rotation matrix
 
 
@@ -158,16 +161,34 @@ def plan_poses(
     angles = np.linalg.norm(rotation_vector(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2)), axis=1)
     both = Limits(*(np.array(pair) for pair in zip(linear, angular, strict=True)))
     distances = np.stack([lengths, angles], axis=1)
-    path = PosePath(positions, rotations, joined([progress(d, both, k) for k, d in enumerate(distances)]))
-    slowed = slow_down(arm, joint_path(arm, path, q0, sigma_min=sigma_min, period=period, task=task))
+    grid = grid_for(
+        sum(progress(d, both).duration for d in distances)
+    )  # one for all: no time is rounded where they join
+    path = PosePath(positions, rotations, joined([progress(d, both, k, grid) for k, d in enumerate(distances)]))
+    slowed = slow_down(arm, _joints(arm, path, q0, sigma_min, period, task))
     slower = path.progress.slower(slowed.factor)
     return PosePlan(positions, rotations, slower, slowed.plan, slowed.factor, slowed.reason)
 
 
+def _joints(arm: Arm, path: PosePath, q0: np.ndarray, sigma_min: float, period: float, task: Task) -> JointPath:
+    """`joint_path`, whose way does not depend on how fast it is gone: in microseconds or years as in seconds or minutes."""
+    scale = min(max(path.duration, SHORTEST), LONGEST) / path.duration
+    if scale == 1:
+        return joint_path(arm, path, q0, sigma_min=sigma_min, period=period, task=task)
+    try:
+        return joint_path(arm, path.slower(scale), q0, sigma_min=sigma_min, period=period, task=task).slower(1 / scale)
+    except ValueError as error:
+        error.add_note(
+            f"times are those of the path gone in {scale * path.duration:g} s instead of {path.duration:g} s"
+        )
+        raise
+
+
 def _limits(name: str, limits: Limits) -> Limits:
-    x = np.array(limits, dtype=float)
+    expected = "Limits of positive velocity, acceleration and jerk, finite"
+    x = as_floats(name, limits, expected)
     if x.shape != (3,) or not np.isfinite(x).all() or not (x > 0).all():
-        raise ValueError(f"{name}: expected Limits of positive velocity, acceleration and jerk, got {limits!r}")
+        raise ValueError(f"{name}: expected {expected}, got {shown(limits)}")
     return Limits(*x.tolist())
 
 

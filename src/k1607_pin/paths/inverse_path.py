@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, number, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.kinematics.task import POSE, Task, task_of
 from k1607_pin.paths.follower import Follower, SingularPathError, joined
@@ -76,8 +77,10 @@ def joint_path(
         The task has more rows than the arm has joints.
     """
     q = arm.as_vector(q0, "q0")
-    duration = _positive("duration", getattr(path, "duration", None) if duration is None else duration)
-    period, sigma_min = _positive("period", period), _positive("sigma_min", sigma_min)
+    duration = number("duration", getattr(path, "duration", None) if duration is None else duration, above=0, unit="s")
+    period, sigma_min = number("period", period, above=0, unit="s"), number("sigma_min", sigma_min, above=0)
+    if not callable(path):
+        raise ValueError(f"path: expected a function of time in s that gives a point of the path, got {shown(path)}")
     follower = Follower(arm, path, _rotation(arm, q, rotation), sigma_min, task_of(task))
     ahead = _samples(duration, period, getattr(path, "times", ()))[:0:-1].tolist()  # the next one last
     times, states, errors = [0.0], [follower.start(q)], []
@@ -117,13 +120,7 @@ def _samples(duration: float, period: float, breaks: Any) -> np.ndarray:
 def _rotation(arm: Arm, q: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
     if rotation is None:
         return arm.forward_kinematics(q).rotation
-    R = np.asarray(rotation, dtype=float)
+    R = as_floats("rotation", rotation, "a (3, 3) rotation matrix")
     if R.shape != (3, 3) or not np.abs(R @ R.T - np.eye(3)).max() < 1e-9 or np.linalg.det(R) < 0:
-        raise ValueError(f"rotation: expected a (3, 3) rotation matrix, got {R.tolist()}")
+        raise ValueError(f"rotation: expected a (3, 3) rotation matrix, got {shown(rotation)}")
     return R
-
-
-def _positive(name: str, x: Any) -> float:
-    if x is None or not 0 < x < np.inf:
-        raise ValueError(f"{name}: expected a positive number, got {x!r}")
-    return float(x)

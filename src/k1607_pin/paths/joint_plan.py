@@ -6,9 +6,11 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, shown
 from k1607_pin.arm.arm import Arm
+from k1607_pin.paths.s_curve import grid_for
 from k1607_pin.paths.spline import Spline, joined
-from k1607_pin.paths.timing import Limits, NoMotionError, fastest, straight
+from k1607_pin.paths.timing import EXCESS, Limits, NoMotionError, fastest, shares, straight
 
 UP_TO_SPEED = 0.5  # s, from rest to the velocity limit: what acceleration defaults to; assumed, as no arm's URDF says
 UP_TO_ACCELERATION = 0.1  # s, from none to the acceleration limit: what jerk defaults to; assumed
@@ -105,9 +107,12 @@ def plan_joints(
         raise ValueError("waypoints: expected one that differs from q0")
     q, limits = np.array(ways), joint_limits(arm, velocity, acceleration, jerk)
     stretches = [straight(*ends, limits) for ends in pairwise(q)]
-    if not stop:
-        stretches = _without_stops(q, stretches, limits)
-    spline = joined(stretches)
+    grid = grid_for(_duration(stretches))  # one for all, so that no time is rounded where they join
+    spline = joined([straight(*ends, limits, grid) for ends in pairwise(q)])
+    if not stop and len(stretches) > 1:
+        onward = joined(_without_stops(q, stretches, limits))
+        if max(shares(onward, limits)) <= 1 + EXCESS:
+            spline = onward
     require_joint_limits(arm, spline)
     return JointPlan(spline)
 
@@ -192,17 +197,18 @@ def _duration(stretches: list[Spline]) -> float:
 
 
 def _waypoints(arm: Arm, waypoints: np.ndarray) -> np.ndarray:
-    try:
-        q = np.array(waypoints, dtype=float)
-    except (TypeError, ValueError):
-        q = np.array(np.nan)
-    if q.ndim != 2 or q.shape[0] < 1 or q.shape[1] != arm.n or not np.isfinite(q).all():
-        raise ValueError(f"waypoints: expected (m, {arm.n}) finite joint angles in rad, m >= 1, got shape {q.shape}")
+    expected = f"(m, {arm.n}) finite joint angles in rad, m >= 1"
+    q = as_floats("waypoints", waypoints, expected)
+    if q.ndim != 2 or q.shape[0] < 1 or q.shape[1] != arm.n:
+        raise ValueError(f"waypoints: expected {expected}, got shape {q.shape}")
+    if not np.isfinite(q).all():
+        raise ValueError(f"waypoints: expected {expected}, got {shown(q)}")
     return q
 
 
 def _limit(arm: Arm, name: str, x: np.ndarray | float) -> np.ndarray:
-    limit = np.array(x, dtype=float)
+    expected = f"one or ({arm.n},) positive limits"
+    limit = as_floats(name, x, expected)
     if limit.shape not in ((), (arm.n,)) or not np.isfinite(limit).all() or not (limit > 0).all():
-        raise ValueError(f"{name}: expected one or ({arm.n},) positive limits, got {limit.tolist()}")
+        raise ValueError(f"{name}: expected {expected}, got {shown(x)}")
     return np.broadcast_to(limit, arm.n)

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from k1607_pin.arguments import number, numbers
 from k1607_pin.description.units import INCH
 from k1607_pin.kinematics.vectors import vector
 
@@ -39,11 +40,8 @@ class Line:
 
     def __post_init__(self) -> None:
         for name in ("start", "extent"):
-            x = np.array(getattr(self, name), dtype=float)
-            if x.shape != (3,) or not np.isfinite(x).all():
-                raise ValueError(f"{name}: expected (3,) finite numbers in m, got {getattr(self, name)!r}")
-            object.__setattr__(self, name, x)
-        _require_positive(rate=self.rate)
+            object.__setattr__(self, name, np.array(numbers(name, getattr(self, name), (3,), "m")))
+        number("rate", self.rate, above=0, unit="1/s")
 
     def __call__(self, t: Any) -> PathPoint:
         """The wanted motion at times t (...) s, from 0 on."""
@@ -81,11 +79,10 @@ class Circle:
     """rad, where it starts and ends"""
 
     def __post_init__(self) -> None:
-        _require_positive(radius=self.radius, omega=self.omega, beta=self.beta)
-        if not np.isfinite([self.height, self.phi_0]).all():
-            raise ValueError(
-                f"height, phi_0: expected finite numbers in m and rad, got {self.height!r}, {self.phi_0!r}"
-            )
+        for name, unit in (("radius", "m"), ("omega", "rad/s"), ("beta", "rad/s^2")):
+            number(name, getattr(self, name), above=0, unit=unit)
+        for name, unit in (("height", "m"), ("phi_0", "rad")):
+            number(name, getattr(self, name), unit=unit)
         if self.omega**2 / self.beta > 2 * np.pi:
             raise ValueError(
                 f"beta: expected at least omega^2 / 2 pi = {self.omega**2 / (2 * np.pi):.3g} rad/s^2, so that speeding up and "
@@ -119,9 +116,3 @@ class Circle:
             vector([-s * rate, c * rate, zero]),
             vector([-c * rate * rate - s * change, -s * rate * rate + c * change, zero]),
         )
-
-
-def _require_positive(**numbers: float) -> None:
-    for name, value in numbers.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name}: expected a positive number, got {value!r}")

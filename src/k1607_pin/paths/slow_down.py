@@ -5,11 +5,13 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.paths.joint_plan import JointPlan
 from k1607_pin.paths.spline import MOMENT
 
 PERIOD = 0.005  # s, at which torques are looked at
+LOOKS = 20_000  # instants at most: a plan of more than 100 s is looked at less often
 Plan = TypeVar("Plan", bound=JointPlan)
 
 
@@ -48,7 +50,8 @@ def slow_down(
 
     The time is stretched evenly. By a factor c, velocities fall to 1/c, and of the torque what is not gravity to 1/c^2
     (Hollerbach, J. Dynamic Systems, Measurement and Control 106(1), 1984), so that the factor follows without a search: from
-    velocities at any time, and from torques at instants 5 ms apart and on either side of the plan's own.
+    velocities at any time, and from torques at instants 5 ms apart (further in plans of over 100 s) and on either side of the
+    plan's own.
 
     Parameters
     ----------
@@ -58,10 +61,14 @@ def slow_down(
     Raises
     ------
     ValueError
-        Limits of wrong shape.
+        Limits of wrong shape, negative or NaN; a plan that is none.
     OverloadError
         Gravity alone asks for more than the effort limit.
     """
+    if not isinstance(plan, JointPlan):
+        raise ValueError(
+            f"plan: expected a JointPlan (plan_joints, joint_path, a PosePlan's .joints), got {shown(plan)}"
+        )
     of_velocity = _limit(arm, "velocity", arm.velocity_limit if velocity is None else velocity)
     of_effort = _limit(arm, "effort", arm.effort_limit if effort is None else effort)
     (factor, reason), (other, why) = _for_velocity(arm, plan, of_velocity), _for_torque(arm, plan, of_effort)
@@ -80,8 +87,9 @@ def _for_velocity(arm: Arm, plan: JointPlan, limit: np.ndarray) -> tuple[float, 
 
 def _for_torque(arm: Arm, plan: JointPlan, limit: np.ndarray) -> tuple[float, str]:
     ends = plan.spline.times
-    even = np.linspace(0.0, plan.duration, int(np.ceil(plan.duration / PERIOD)) + 1)
-    times = np.clip(np.concatenate([even, ends - MOMENT, ends + MOMENT]), 0.0, plan.duration)
+    even = np.linspace(0.0, plan.duration, min(int(np.ceil(plan.duration / PERIOD)), LOOKS) + 1)
+    moment = min(MOMENT, float(np.diff(ends).min()) / 1000)
+    times = np.clip(np.concatenate([even, ends - moment, ends + moment]), 0.0, plan.duration)
     q, v, a = plan(times)
     held = np.array([arm.gravity_torque(x) for x in q])  # (N, n)
     if (np.abs(held) >= limit).any():
@@ -95,7 +103,8 @@ def _for_torque(arm: Arm, plan: JointPlan, limit: np.ndarray) -> tuple[float, st
 
 
 def _limit(arm: Arm, name: str, x: np.ndarray | float) -> np.ndarray:
-    limit = np.array(x, dtype=float)
+    expected = f"one or ({arm.n},) limits"
+    limit = as_floats(name, x, expected)
     if limit.shape not in ((), (arm.n,)) or np.isnan(limit).any() or (limit < 0).any():
-        raise ValueError(f"{name}: expected one or ({arm.n},) limits, got {limit.tolist()}")
+        raise ValueError(f"{name}: expected {expected} >= 0, got {shown(x)}")
     return np.broadcast_to(np.where(limit > 0, limit, np.inf), arm.n)

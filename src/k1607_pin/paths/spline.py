@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import PPoly
 
+from k1607_pin.arguments import as_floats, number, numbers, shown
+
 MOMENT = 1e-9  # s: just before and just after, where something jumps
 
 
@@ -28,6 +30,14 @@ class Spline:
     coefficients: np.ndarray
     """(degree + 1, m, n): highest power first, of the time since the piece's start"""
 
+    def __post_init__(self) -> None:
+        times = numbers("times", self.times, (None,), "s")
+        if len(times) < 2 or (np.diff(times) < 0).any():
+            raise ValueError(f"times: expected at least two that increase, in s, got {shown(times)}")
+        coefficients = numbers("coefficients", self.coefficients, (None, len(times) - 1, None))
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "coefficients", coefficients)
+
     @property
     def duration(self) -> float:
         """s"""
@@ -39,12 +49,16 @@ class Spline:
 
     def __call__(self, t: Any, order: int = 0) -> Any:
         """(..., n): the derivative of that order at times t (...) s; where it jumps, its value just after."""
+        t = as_floats("t", t, "times in s")
+        if np.isnan(t).any():
+            raise ValueError(f"t: expected times in s, got {shown(t)}")
         within = np.clip(t, 0.0, self.duration)
         value = self._polynomials(within, order)
         return value if order == 0 else np.where(np.expand_dims(within == t, -1), value, 0.0)
 
     def slower(self, factor: float) -> "Spline":
         """The same motion in ``factor`` times the time."""
+        factor = number("factor", factor, above=0)
         powers = np.arange(len(self.coefficients))[::-1]
         return Spline(self.times * factor, self.coefficients / factor ** powers[:, None, None])
 

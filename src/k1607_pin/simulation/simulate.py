@@ -12,6 +12,7 @@ from k1607_pin.arm.payload import velocity_after_gripping, with_payload
 from k1607_pin.arm.wrench import Wrench, wrench_at_tool, wrench_torque
 from k1607_pin.control.finite import NotFiniteError
 from k1607_pin.kinematics.differential import SingularJacobianError
+from k1607_pin.simulation.account import work_rule
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import NOTHING, PayloadSchedule
@@ -111,8 +112,10 @@ def simulate(
     carries the tool, about the tool's origin, base axes, zero while it acts on another link; ``payload`` kg, ``payload_changes``
     how often it has changed; and in J ``energy``, ``work`` done by the motors, ``external_work``, ``dissipated`` by friction and
     stops, ``payload_energy`` brought or taken by payloads, and ``energy_residual`` = energy - energy at 0 - work - external_work
-    + dissipated - payload_energy: what the integrator made or lost. And what controller and observer log, dimensions named after
-    it where they do not say otherwise. Of a prismatic joint read m for rad and N for N m.
+    + dissipated - payload_energy: what the integrator made or lost. The account is of the integrator's order, fourth with
+    `runge_kutta_4`, where forces are smooth over a step; Coulomb friction that turns round within one is not. And what controller
+    and observer log, dimensions named after it where they do not say otherwise. Of a prismatic joint read m for rad and N for
+    N m.
 
     Raises
     ------
@@ -137,7 +140,7 @@ def simulate(
     schedule = PayloadSchedule(payloads, duration)
     variables = VARIABLES | dict(getattr(controller, "variables", {})) | dict(getattr(observe, "variables", {}))
     state = controller.start(q.copy(), v.copy(), duration)  # its own: what it writes into them is not where the arm is
-    carried = NOTHING
+    carried, work_of = NOTHING, work_rule(step)
     changes, work, from_outside, dissipated, brought = 0, 0.0, 0.0, 0.0, 0.0
     records: list[dict[str, Any]] = []
     start_energy = plant.energy(q, v)
@@ -202,11 +205,10 @@ def simulate(
             if not np.abs(v_next).max() < RUNAWAY:  # NaN included; a finite v gives a finite q
                 log_so_far = _dataset(records, control_period, bare, variables)
                 raise SimulationError(t + i * physics_step, q, v, log_so_far)
-            moved = q_next - q
-            work += float(tau @ moved)  # exact: the torque is held
-            dissipated += float((plant.loss_torque(q, v) + plant.loss_torque(q_next, v_next)) / 2 @ moved)
+            work += float(tau @ (q_next - q))  # exact: the torque is held
+            dissipated += work_of(plant.loss_torque, (q, v), (q_next, v_next), physics_step)
             if push:
-                from_outside += float((push(q, v) + push(q_next, v_next)) / 2 @ moved)
+                from_outside += work_of(push, (q, v), (q_next, v_next), physics_step)
             q, v = q_next, v_next
     return _dataset(records, control_period, bare, variables)
 
