@@ -4,6 +4,7 @@ Values that are not numbers (a tracer's symbols, polynomials, arrays of objects)
 """
 
 from collections.abc import Callable
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ def as_floats(name: str, x: Any, expected: str = "real numbers") -> np.ndarray:
         array = np.asarray(x)
     except (ValueError, TypeError):  # rows of several lengths, an object that is no array
         array = np.asarray(None)
+    if array.dtype == object and all(isinstance(entry, Real) for entry in array.flat):
+        array = array.astype(float)
     if array.dtype.kind not in NUMERIC:
         raise ValueError(f"{name}: expected {expected}, got {shown(x)}")
     return array.astype(float, copy=False)

@@ -56,7 +56,7 @@ def with_payload(arm: Arm, payload: Payload) -> Arm:
     tool = model.frames[frame_id(model, arm.tool_frame)]
     body = pin.Inertia(float(payload.mass), payload.cg, payload.inertia)
     model.inertias[tool.parentJoint] += tool.placement.act(body)
-    return Arm(model, arm.tool_frame, arm.visual_model, arm.collision_model)
+    return arm.with_model(model)
 
 
 def blend(first: Payload, second: Payload, share: float) -> Payload:
