@@ -4,6 +4,7 @@ Values that are not numbers (a tracer's symbols, polynomials, arrays of objects)
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from numbers import Real
 from typing import Any
 
@@ -41,7 +42,8 @@ def as_floats(name: str, x: Any, expected: str = "real numbers") -> np.ndarray:
     except (ValueError, TypeError):  # rows of several lengths, an object that is no array
         array = np.asarray(None)
     if array.dtype == object and all(isinstance(entry, Real) for entry in array.flat):
-        array = array.astype(float)
+        with suppress(OverflowError):  # a whole number beyond any float: refused below
+            array = array.astype(float)
     if array.dtype.kind not in NUMERIC:
         raise ValueError(f"{name}: expected {expected}, got {shown(x)}")
     return array.astype(float, copy=False)

@@ -262,7 +262,7 @@ class Arm:
     # Arguments
 
     def _frame_id(self, name: str) -> int:
-        if name not in self._frame_ids:
+        if not isinstance(name, str) or name not in self._frame_ids:
             self._frame_ids[name] = frame_id(self._model, name, "frame")
         return self._frame_ids[name]
 

@@ -1,5 +1,6 @@
 """A URDF as its author wrote it: decoded, bounded, and looked over for what a parser would drop without a word."""
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -82,7 +83,10 @@ def read_urdf(path: str | Path, check_inertia: bool = True) -> UrdfFile:
     ValueError
         No such file, no XML, too large or too deep, entities, and numbers that are none: with link or joint, and line.
     """
-    path = Path(path)
+    try:
+        path = Path(os.fsdecode(path))
+    except TypeError:
+        raise ValueError(f"path: expected the path of a URDF file, got {path!r}") from None
     if not path.is_file():
         raise ValueError(f"path: no URDF file {path}")
     try:
@@ -135,9 +139,7 @@ def _parsed(path: Path, text: str) -> Any:
     dtd = root.getroottree().docinfo.internalDTD
     entity = next(iter(dtd.iterentities()), None) if dtd is not None else None
     if entity is not None:
-        raise _unreadable(
-            path, f"it declares the entity {entity.name!r}, which a URDF has no use for; write out what it stands for"
-        )
+        raise _unreadable(path, f"it declares the entity {entity.name!r}: write out what it stands for")
     if root.tag != "robot":
         raise _unreadable(path, f"line {root.sourceline}: expected <robot>, got <{root.tag}>")
     return root
