@@ -1,6 +1,7 @@
 """Geometry that travels light: meshes by the files they came from, everything else as it is."""
 
 import logging
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +26,8 @@ def packed(geometry: pin.GeometryModel) -> Packed:
     objects, flags = [], []
     for g in geometry.geometryObjects:
         shape = None if isinstance(g.geometry, coal.BVHModelBase) and Path(g.meshPath).is_file() else g.geometry
-        look = (g.meshPath, g.meshScale.copy(), g.overrideMaterial, g.meshColor.copy(), g.meshTexturePath)
+        path = g.meshPath if os.path.isabs(g.meshPath) or shape is not None else os.path.abspath(g.meshPath)
+        look = (path, g.meshScale.copy(), g.overrideMaterial, g.meshColor.copy(), g.meshTexturePath)
         material = None if isinstance(g.meshMaterial, pin.GeometryNoMaterial) else g.meshMaterial
         objects.append((g.name, g.parentJoint, g.parentFrame, pin.SE3(g.placement), shape, *look, material))
         flags.append(g.disableCollision)

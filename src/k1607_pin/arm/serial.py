@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from k1607_pin.description.urdf_file import MOST_JOINTS
+from k1607_pin.description.bounds import MOST_JOINTS
 
 NO_RANGE = 1e-6
 """rad (m): limits closer to each other leave a joint no room; written digits end here."""

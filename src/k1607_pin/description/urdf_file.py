@@ -10,12 +10,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-MOST_BYTES = 64 * 2**20
-MOST_LINKS = 1000  # Pinocchio's and urdfdom's own recursions end in a segmentation fault at some thousands
-MOST_JOINTS = 100  # Pinocchio's working memory grows with the cube: 400 joints take 4 GB
-DEEPEST = 100  # elements within elements
-LARGEST = 1e9
-"""No length [m], mass [kg], limit or other number of a description is larger: their products still fit into floats."""
+from k1607_pin.description.bounds import DEEPEST, LARGEST, MOST_BYTES, MOST_JOINTS, MOST_LINKS
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 NUMBERS = {  # element -> attribute -> how many numbers
