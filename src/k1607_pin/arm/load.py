@@ -13,7 +13,7 @@ from k1607_pin import data
 from k1607_pin.arguments import numbers
 from k1607_pin.arm.arm import Arm, frame_id
 from k1607_pin.arm.continuous import with_one_angle_each
-from k1607_pin.arm.locked import locked_values, reduced, still_posture
+from k1607_pin.arm.locked import Locked, locked_values, reduced, still_posture
 from k1607_pin.arm.serial import without_range
 from k1607_pin.arm.tool import tool_of
 from k1607_pin.arm.urdfdom import heard
@@ -45,6 +45,7 @@ def load_k1607(
     tool_frame: str = "tool",
     armature: np.ndarray | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+    locked: Locked = (),
 ) -> Arm:
     """The Robotics Research K-1607.
 
@@ -53,16 +54,20 @@ def load_k1607(
     tool_frame : "tool" is the report's frame {7}; "tool_plate" lies 6.600 in further along z7.
     armature : (n,) kg m^2 reflected rotor inertia; None takes the assumed values of ``data/k1607.toml``.
     gravity : (3,) m/s^2 in the base frame; (0, 0, 0) for orbit.
+    locked : joints to hold still, as for `load_urdf`.
     """
-    if armature is None:
-        armature = np.array(data.load("k1607")["armature"]["inertia_kg_m2"])
-    return load_urdf(k1607_urdf(), tool_frame, armature=armature, gravity=gravity)
+    arm = load_urdf(k1607_urdf(), tool_frame, locked, armature, gravity)
+    if armature is not None:
+        return arm
+    model, rotors = arm.model, data.load("k1607")["armature"]["inertia_kg_m2"]
+    model.armature = np.array([rotors[int(name.removeprefix("joint")) - 1] for name in arm.joint_names])
+    return arm.with_model(model)
 
 
 def load_urdf(
     path: str | Path,
     tool_frame: str | None = None,
-    locked: Iterable[str] | Mapping[str, float] = (),
+    locked: Locked = (),
     armature: np.ndarray | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
     package_dirs: Iterable[str | Path] = (),
@@ -115,7 +120,7 @@ def load_urdf(
 def load_example(
     name: str,
     tool_frame: str | None = None,
-    locked: Iterable[str] | Mapping[str, float] = (),
+    locked: Locked = (),
     armature: np.ndarray | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
     check_inertia: bool = True,
@@ -154,7 +159,7 @@ def _arm(
     visual: pin.GeometryModel,
     collision: pin.GeometryModel,
     tool_frame: str | None,
-    locked: Iterable[str] | Mapping[str, float],
+    locked: Locked,
     armature: np.ndarray | None,
     gravity: tuple[float, float, float],
     mimics: Mapping[str, Mimic],

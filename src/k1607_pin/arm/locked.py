@@ -14,7 +14,11 @@ BEYOND = 1e-9
 """rad (m): as far as a locked value may lie beyond its limits, which were rounded when written."""
 
 
-def locked_values(model: pin.Model, locked: Iterable[str] | Mapping[str, float]) -> dict[str, float | None]:
+Locked = str | Iterable[str | tuple[str, float]] | Mapping[str, float]
+"""Joints to hold still: names, for as near to zero as the limits allow; with values [rad, m] as pairs or a mapping."""
+
+
+def locked_values(model: pin.Model, locked: Locked) -> dict[str, float | None]:
     """Joint -> its value [rad, m] as given; None for the one nearest to zero within the limits.
 
     Raises
@@ -22,29 +26,31 @@ def locked_values(model: pin.Model, locked: Iterable[str] | Mapping[str, float])
     ValueError
         No such joint; no number, or one beyond the joint's limits.
     """
-    if isinstance(locked, str):
-        locked = (locked,)
-    if isinstance(locked, Mapping):
-        given: dict[str, float | None] = dict(locked)
-    else:
-        try:
-            given = dict.fromkeys(locked)
-        except TypeError:
-            raise ValueError(f"locked: expected names of joints, or name -> angle in rad, got {locked!r}") from None
-    for joint, angle in given.items():
+    try:
+        entries = (
+            [locked] if isinstance(locked, str) else locked.items() if isinstance(locked, Mapping) else list(locked)
+        )
+    except TypeError:
+        raise ValueError(f"locked: expected names of joints, or name -> value in rad, got {locked!r}") from None
+    given: dict[str, float | None] = {}
+    for entry in entries:
+        joint, *value = entry if isinstance(entry, tuple) and len(entry) == 2 else (entry,)
         if not isinstance(joint, str) or not model.existJointName(joint):
             raise ValueError(
                 f"locked: no joint {joint!r} in {model.name!r}, expected among {', '.join(list(model.names)[1:])}"
             )
-        if isinstance(locked, Mapping):
-            value = number(f"locked: joint {joint!r}", angle, unit="rad (m for a sliding joint)")
-            lower, upper = _limits(model, model.getJointId(joint))
-            if not lower - BEYOND <= value <= upper + BEYOND:
-                raise ValueError(
-                    f"locked: joint {joint!r}: expected a value within its limits, {lower:g} to {upper:g}, got {value:g}"
-                )
-            given[joint] = value
+        given[joint] = _within_limits(model, joint, *value) if value else None
     return given
+
+
+def _within_limits(model: pin.Model, joint: str, given: object) -> float:
+    value = number(f"locked: joint {joint!r}", given, unit="rad (m if it slides)")
+    lower, upper = _limits(model, model.getJointId(joint))
+    if not lower - BEYOND <= value <= upper + BEYOND:
+        raise ValueError(
+            f"locked: joint {joint!r}: expected a value within its limits, {lower:g} to {upper:g}, got {value:g}"
+        )
+    return value
 
 
 def still_posture(
