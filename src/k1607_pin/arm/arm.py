@@ -142,7 +142,13 @@ class Arm:
         """(*size, n) joint angles, uniform within the limits (within ±180° where there are none)."""
         lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        shape = size if isinstance(size, tuple) else (int(size),)
+        if not isinstance(rng, np.random.Generator):
+            raise ValueError(
+                f"rng: expected a numpy.random.Generator, such as numpy.random.default_rng(1), got {rng!r}"
+            )
+        shape = size if isinstance(size, tuple) else (size,)
+        if not all(isinstance(k, int | np.integer) and k >= 0 for k in shape):
+            raise ValueError(f"size: expected a whole number >= 0, or a tuple of them, got {size!r}")
         return rng.uniform(lower, upper, (*shape, self.n))
 
     # Kinematics
@@ -235,6 +241,8 @@ class Arm:
             J without full row rank (always, for fewer than six joints), and no damping, or too little to act.
         """
         q, v = self._vectors(("q", "v"), q, v)
+        if damping is not None and not isinstance(damping, Damping):
+            raise ValueError(f"damping: expected a Damping or None, got {damping!r}")
         if not self._has_inertia:
             self._refuse_dynamics()
         model, data, tool = self._model, self._workspace.data, self._tool_id
