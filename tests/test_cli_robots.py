@@ -56,7 +56,7 @@ class TestCommands:
         done = run(*command, "--robot", fork)
         assert isinstance(done.exception, ValueError)
         assert "several ends beyond 'l', 'r': left, right" in str(done.exception)
-        assert "--tool-frame left" in str(done.exception)
+        assert "before them: a. " in str(done.exception)
 
     def test_options_are_heard(self, fork, command):
         done = run(*command, "--robot", fork, "--tool-frame", "left", "--lock", "l=5deg")

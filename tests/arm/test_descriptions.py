@@ -357,7 +357,7 @@ class TestText:
 
     @pytest.mark.parametrize(
         ("n", "kind", "said"),
-        [(400, "revolute", "at most 100 movable joints"), (5000, "fixed", "at most 1,000 links")],
+        [(400, "revolute", "at most 150 movable joints"), (5000, "fixed", "at most 1,000 links")],
     )
     def test_size_is_bounded(self, load, n, kind, said):
         text = link("l0") + "".join(link(f"l{i}") + joint(f"j{i}", f"l{i - 1}", f"l{i}", kind) for i in range(1, n + 1))

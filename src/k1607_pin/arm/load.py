@@ -94,7 +94,7 @@ def load_urdf(
     ValueError
         No such file, not a URDF, numbers that are none (with link or joint, and line), a negative mass or moment of inertia, no
         such frame or joint, several ends and no tool_frame, a moving joint that mimics another, a locked value beyond its
-        limits, more than 100 movable joints or 1,000 links, or not a serial chain of one-degree-of-freedom joints.
+        limits, more than 150 movable joints or 1,000 links, or not a serial chain of one-degree-of-freedom joints.
     """
     file = read_urdf(path, check_inertia)
     folders = [str(file.path.parent), *(str(folder) for folder in package_dirs)]
@@ -111,10 +111,11 @@ def load_urdf(
             lambda: [_geometry(model, file, kind, folders) for kind in (pin.VISUAL, pin.COLLISION)]
         )
     except ValueError as error:
-        logger.warning("%s is loaded without geometry: %s. Are its packages in package_dirs?", file.path, error)
+        why = str(error).rstrip(".")
+        logger.warning("%s is loaded without geometry: %s. Are its packages in package_dirs?", file.path, why)
         visual = collision = pin.GeometryModel()
     _look(file, check_inertia)
-    return _arm(model, visual, collision, tool_frame, locked, armature, gravity, file.mimics)
+    return _arm(model, visual, collision, tool_frame, locked, armature, gravity, file.mimics, check_inertia)
 
 
 def load_example(
@@ -142,7 +143,9 @@ def load_example(
         _look(file, check_inertia)
         mimics = file.mimics
     frame = tool_frame or TOOL_FRAMES.get(name)
-    return _arm(robot.model, robot.visual_model, robot.collision_model, frame, locked, armature, gravity, mimics)
+    return _arm(
+        robot.model, robot.visual_model, robot.collision_model, frame, locked, armature, gravity, mimics, check_inertia
+    )
 
 
 def _geometry(model: pin.Model, file: UrdfFile, kind: Any, folders: list[str]) -> pin.GeometryModel:
@@ -163,6 +166,7 @@ def _arm(
     armature: np.ndarray | None,
     gravity: tuple[float, float, float],
     mimics: Mapping[str, Mimic],
+    check_inertia: bool,
 ) -> Arm:
     if model.njoints > 1 and model.joints[1].nv == 6:
         raise ValueError(
@@ -172,7 +176,10 @@ def _arm(
     rigid = [i for i in without_range(model) if model.names[i] not in given]
     still = {*rigid, *(model.getJointId(name) for name in given)}
     if rigid and len(still) == model.njoints - 1:
-        raise ValueError(f"{model.name!r}: no movable joint: the limits of {_listed(model, rigid)} leave no range")
+        raise ValueError(
+            f"{model.name!r}: no movable joint: the limits of {_listed(model, rigid)} leave no range: "
+            "write a lower and an upper one"
+        )
     tool_frame = tool_of(model, still) if tool_frame is None else tool_frame
     carriers = set(model.supports[model.frames[frame_id(model, tool_frame)].parentJoint])
     still |= set(range(1, model.njoints)) - carriers
@@ -188,6 +195,10 @@ def _arm(
     model = pin.Model(with_one_angle_each(model))
     for placement in model.jointPlacements:
         placement.rotation = exact(placement.rotation)
+    if massless := [model.names[i] for i in range(1, model.njoints) if model.inertias[i].mass == 0 and check_inertia]:
+        logger.warning(
+            "%s: nothing that has a mass is fixed to the joints %s", model.name, ", ".join(map(repr, massless))
+        )
     model.gravity = pin.Motion(numbers("gravity", gravity, (3,), "m/s^2"), np.zeros(3))
     if armature is not None:
         rotors = numbers("armature", armature, (model.nv,), "kg m^2")
@@ -202,12 +213,12 @@ def _arm(
     return arm
 
 
-_SAID: set[str] = set()
+SAID_ONCE: set[str] = set()
 
 
 def _say_once(text: str) -> None:
-    if text not in _SAID:
-        _SAID.add(text)
+    if text not in SAID_ONCE:
+        SAID_ONCE.add(text)
         logger.warning("%s", text)
 
 

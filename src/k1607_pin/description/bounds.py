@@ -4,7 +4,9 @@ MOST_BYTES = 64 * 2**20
 MOST_LINKS = 1000
 """Pinocchio's and urdfdom's own recursions end in a segmentation fault at some thousands."""
 MOST_JOINTS = 100
-"""Movable ones. Pinocchio's working memory grows with the cube of their number: 400 take 4 GB."""
+"""Of an arm."""
+MOST_MOVABLE = 150
+"""Joints of a description that move before some are locked. Pinocchio's working memory grows with their cube: 400 take 4 GB."""
 DEEPEST = 100
 """Elements within elements."""
 LARGEST = 1e9

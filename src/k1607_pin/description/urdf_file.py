@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from k1607_pin.description.bounds import DEEPEST, LARGEST, MOST_BYTES, MOST_JOINTS, MOST_LINKS
+from k1607_pin.description.bounds import DEEPEST, LARGEST, MOST_BYTES, MOST_LINKS, MOST_MOVABLE
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 NUMBERS = {  # element -> attribute -> how many numbers
@@ -150,7 +150,7 @@ def _bounded(file: UrdfFile) -> None:
     for what, count, most in (
         ("elements within elements", deepest, DEEPEST),
         ("links", links, MOST_LINKS),
-        ("movable joints", joints, MOST_JOINTS),
+        ("movable joints", joints, MOST_MOVABLE),
     ):
         if count > most:
             raise _unreadable(file.path, f"expected at most {most:,} {what}, got {count:,}")
