@@ -64,7 +64,7 @@ def _plain(text: str) -> str:
     """A message without the folders of this machine, and not longer than a table can hold."""
     text = re.sub(r"[^\s']*/([^/\s']+\.(?:urdf|sdf|stl|dae|obj|STL|DAE))", r"\1", " ".join(text.split()))
     text = text.replace("<", "&lt;").replace(">", "&gt;")
-    return text if len(text) <= 330 else f"{text[:330]} ..."
+    return text if len(text) <= 700 else f"{text[:700]} ..."
 
 
 def examples(names: list[str] | None = None) -> Iterator[Row]:
@@ -224,12 +224,13 @@ The arm is a chain of three joints but for what is named."""
 def page() -> str:
     """docs/robots.md."""
     found = list(examples())
-    counts = ", ".join(f"{sum(row.verdict == v for row in found)} {v}" for v in ("loads", "needs a tool", "refused"))
+    loads, needs, refused = (sum(row.verdict == v for row in found) for v in ("loads", "needs a tool", "refused"))
     parts = [
         "# Robots: what loads, and what is said of what does not",
         "Made by `python benchmarks/robots.py docs/robots.md`; a test makes a part of it again.",
         TOOL,
-        f"## example-robot-data\n\n`k1607.load_example(name)` without options: {counts}.",
+        f"## example-robot-data\n\n`k1607.load_example(name)` without options: of {len(found)} robots "
+        f"{loads} load, {needs} need a tool, and {refused} are refused, most of them for a base that moves.",
         _table(found),
         f"## Shapes of URDFs\n\n{SHAPES}",
         _table(urdfs()),

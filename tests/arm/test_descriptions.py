@@ -322,6 +322,13 @@ class TestText:
     def test_prefixes_that_nobody_declared(self, load):
         assert load(ARM + '<gazebo:plugin sensor:type="x"><a:b/></gazebo:plugin>').n == 3
 
+    def test_a_namespace_by_default(self, load):
+        """Pinocchio's parser reads names, not namespaces; what stands there is looked at all the same."""
+        head = '<robot name="r" xmlns="http://a.b/c" xmlns:x="http://d.e">'
+        assert load(ARM + "<x:link/>", head).n == 3
+        with pytest.raises(ValueError, match="link 'jlink1': expected a mass >= 0"):
+            load(ARM.replace('<mass value="1"/>', '<mass value="-1"/>'), head)
+
     @pytest.mark.parametrize("encoding", ["utf-8", "UTF-8", "iso-8859-1", "utf-16", "us-ascii", "cp1252"])
     def test_encodings_that_python_knows(self, tmp_path, encoding):
         path = tmp_path / "robot.urdf"
@@ -380,6 +387,27 @@ class TestText:
     def test_standard_error_of_others_is_passed_on_and_a_closed_one_is_no_obstacle(self, load, tmp_path):
         load(ARM)
         script = f"import os, k1607_pin; os.close(2); print(k1607_pin.load_urdf({str(tmp_path / 'robot.urdf')!r}).n)"
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == "3"
+
+    def test_a_child_of_a_fork_loads_while_another_thread_of_the_parent_does(self, load, tmp_path):
+        load(ARM)
+        script = f"""
+import os, threading, warnings
+import k1607_pin
+from k1607_pin.arm.urdfdom import heard
+warnings.simplefilter("ignore")
+inside, done = threading.Event(), threading.Event()
+thread = threading.Thread(target=heard, args=(lambda: (inside.set(), done.wait()),))
+thread.start()
+inside.wait()
+child = os.fork()
+if child == 0:
+    os._exit(k1607_pin.load_urdf({str(tmp_path / "robot.urdf")!r}).n)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+done.set()
+thread.join()
+"""
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
         assert done.stdout.strip() == "3"
 

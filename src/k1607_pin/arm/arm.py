@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from k1607_pin.arguments import as_floats, described
+from k1607_pin.arguments import as_floats, described, shown
 from k1607_pin.arm.meshes import Geometry
 from k1607_pin.arm.serial import require_serial
 from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space, singular_values
@@ -35,6 +35,8 @@ class Arm:
         visual_model: pin.GeometryModel | None = None,
         collision_model: pin.GeometryModel | None = None,
     ) -> None:
+        if not isinstance(model, pin.Model):
+            raise ValueError(f"model: expected a pinocchio.Model, got {shown(model)}")
         geometry = [Geometry(g and g.copy()) for g in (visual_model, collision_model)]
         self._set(pin.Model(model), tool_frame, *geometry)
 

@@ -106,6 +106,8 @@ def load_urdf(
         raise ValueError(
             f"path: Pinocchio leaves out a part of {file.path}: {'; '.join(said)}. check_inertia=False takes the file as it is"
         )
+    if said:
+        logger.warning("%s: a part is left out: %s", file.path, "; ".join(said))
     try:
         (visual, collision), _ = heard(
             lambda: [_geometry(model, file, kind, folders) for kind in (pin.VISUAL, pin.COLLISION)]
@@ -134,9 +136,11 @@ def load_example(
     if ROBOTS[name].free_flyer:
         raise ValueError(f"{name!r}, joint 'root_joint': expected a fixed base, got one that moves freely")
     try:
-        loader, _ = heard(ROBOTS[name])
-    except ValueError as error:
+        loader, said = heard(ROBOTS[name])
+    except (ValueError, OSError, ImportError, AttributeError) as error:
         raise ValueError(f"name: example-robot-data cannot load {name!r}: {error}") from None
+    if said:
+        logger.warning("%s: %s", name, "; ".join(said))
     robot, mimics = loader.robot, {}
     if loader.df_path.endswith(".urdf"):
         file = read_urdf(loader.df_path, check_inertia)

@@ -9,8 +9,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_ONE_AT_A_TIME = threading.Lock()
+_one_at_a_time = threading.Lock()
 _SAID = re.compile(r"^(?:Error|Warning): +(.*)\n(?: +at line \d+ in .*\n?)?", re.MULTILINE)
+
+
+def _anew() -> None:
+    """In a child of a fork: another thread of the parent may hold the lock, and will not let it go here."""
+    global _one_at_a_time
+    _one_at_a_time = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_anew)
 
 
 def heard(build: Callable[[], Any]) -> tuple[Any, list[str]]:
@@ -27,7 +37,7 @@ def heard(build: Callable[[], Any]) -> tuple[Any, list[str]]:
 @contextmanager
 def _listening(said: list[str]) -> Iterator[None]:
     """Standard error of the whole process into a file for a while; what was not the parser's is passed on afterwards."""
-    with _ONE_AT_A_TIME:
+    with _one_at_a_time:
         try:
             sys.stderr.flush()
             kept = os.dup(2)

@@ -131,6 +131,11 @@ def _parsed(path: Path, text: str) -> Any:
             raise _unreadable(path, f"line {fault.line}: {fault.message}")
     if root is None:
         raise _unreadable(path, "it holds no XML element")
+    for element in root.iter(etree.Element):
+        if element.prefix is None and element.tag.startswith(
+            "{"
+        ):  # a namespace by default: a URDF's parser knows nothing of it
+            element.tag = element.tag.rpartition("}")[2]
     dtd = root.getroottree().docinfo.internalDTD
     entity = next(iter(dtd.iterentities()), None) if dtd is not None else None
     if entity is not None:
