@@ -308,6 +308,8 @@ class TestJoints:
         v = np.array([1.0, -2.0, 3.0])
         np.testing.assert_allclose(plant.loss_torque(np.zeros(3), v), [0.5, -0.8, 0], rtol=0, atol=1e-15)
         assert not Plant(arm).viscous.any()
+        with pytest.raises(ValueError, match="arm: expected an Arm"):
+            Plant.from_description(plant)
 
     @pytest.mark.parametrize("locked", [(), ("j1",)])
     def test_friction_stays_with_its_joint(self, load, locked):

@@ -70,6 +70,8 @@ class Plant:
 
         ``others`` : torque limits and stops, as for `Plant`.
         """
+        if not isinstance(arm, Arm):
+            raise ValueError(f"arm: expected an Arm (load_k1607, load_urdf, load_example), got {arm!r:.80}")
         return cls(arm, **({"viscous": arm.damping, "coulomb": arm.friction} | others))
 
     def carrying(self, arm: Arm) -> "Plant":
