@@ -289,6 +289,29 @@ class TestJoints:
             load(ARM.replace(old, new, 1))
         assert said in str(error.value)
 
+    def test_a_link_that_two_joints_carry(self, load):
+        with pytest.raises(
+            ValueError, match=r"line 17, joint 'again': the link 'jlink2' is carried .* 'j2' already, in line 12"
+        ):
+            load(ARM + joint("again", "base", "jlink2"))
+
+    @pytest.mark.parametrize("name", ["damping", "friction"])
+    def test_friction_that_drives_is_refused(self, load, name):
+        with pytest.raises(ValueError, match=rf"line 8, joint 'j1': expected {name} >= 0, got '-0.1'"):
+            load(ARM.replace("</joint>", f'<dynamics {name}="-0.1"/></joint>', 1))
+
+    @pytest.mark.parametrize("look", ["<visual/>", '<collision><geometry><box size="1,0 1 1"/></geometry></collision>'])
+    def test_looks_that_cannot_be_read_are_told(self, load, caplog, look):
+        with caplog.at_level(logging.WARNING):
+            assert load(ARM.replace("</link>", f"{look}</link>")).model == load(ARM).model
+        assert "a part is left out: " in caplog.text
+
+    @pytest.mark.parametrize("folders", [3, [3], None])
+    def test_folders_that_are_none(self, load, folders, tmp_path):
+        with pytest.raises(ValueError, match="package_dirs: expected folders"):
+            load(ARM, package_dirs=folders)
+        assert load(ARM, package_dirs=str(tmp_path)).n == 3
+
     def test_what_urdfdom_says_is_in_the_message(self, load, capfd):
         with pytest.raises(ValueError, match=r"path: Pinocchio cannot read .*joint \[j1\]: limit has no effort"):
             load(ARM.replace('effort="10"', "", 1))

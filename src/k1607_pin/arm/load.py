@@ -1,6 +1,7 @@
 """Arms from files: the K-1607, any URDF, and the robots of example-robot-data."""
 
 import logging
+import os
 from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -70,7 +71,7 @@ def load_urdf(
     locked: Locked = (),
     armature: np.ndarray | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
-    package_dirs: Iterable[str | Path] = (),
+    package_dirs: str | Path | Iterable[str | Path] = (),
     check_inertia: bool = True,
 ) -> Arm:
     """The fixed-base arm of a URDF file.
@@ -97,12 +98,12 @@ def load_urdf(
         limits, more than 150 movable joints or 1,000 links, or not a serial chain of one-degree-of-freedom joints.
     """
     file = read_urdf(path, check_inertia)
-    folders = [str(file.path.parent), *(str(folder) for folder in package_dirs)]
+    folders = [str(file.path.parent), *_folders(package_dirs)]
     try:
         model, said = heard(lambda: pin.buildModelFromXML(file.text))
     except ValueError as error:
         raise ValueError(f"path: Pinocchio cannot read {file.path}: {error}") from None
-    if said and check_inertia:
+    if check_inertia and "inertial" in "".join(said).lower():
         raise ValueError(
             f"path: Pinocchio leaves out a part of {file.path}: {'; '.join(said)}. check_inertia=False takes the file as it is"
         )
@@ -154,6 +155,13 @@ def load_example(
 
 def _geometry(model: pin.Model, file: UrdfFile, kind: Any, folders: list[str]) -> pin.GeometryModel:
     return pin.buildGeomFromUrdfString(model, file.text, kind, package_dirs=folders)
+
+
+def _folders(folders: str | Path | Iterable[str | Path]) -> list[str]:
+    try:
+        return [os.fspath(folder) for folder in ([folders] if isinstance(folders, str | Path) else folders)]
+    except TypeError:
+        raise ValueError(f"package_dirs: expected folders, got {folders!r}") from None
 
 
 def _look(file: UrdfFile, check_inertia: bool) -> None:

@@ -93,6 +93,7 @@ def read_urdf(path: str | Path, check_inertia: bool = True) -> UrdfFile:
     text = _decoded(path, raw)
     file = UrdfFile(path, text, _parsed(path, text))
     _bounded(file)
+    _tree(file)
     _numbers_read(file, check_inertia)
     return file
 
@@ -172,6 +173,21 @@ def _bounded(file: UrdfFile) -> None:
             seen[name] = element.sourceline
 
 
+def _tree(file: UrdfFile) -> None:
+    """Refuse a link that two joints carry: Pinocchio would take it twice."""
+    carried: dict[str, Any] = {}
+    for joint in file.root.iterchildren("joint"):
+        child = joint.find("child")
+        name = child.get("link", "") if child is not None else ""
+        if name in carried:
+            raise ValueError(
+                f"path: {file.where(joint)}: the link {name!r} is carried by joint {carried[name].get('name')!r} already, "
+                f"in line {carried[name].sourceline}"
+            )
+        if name:
+            carried[name] = joint
+
+
 def _numbers_read(file: UrdfFile, check_inertia: bool) -> None:
     """Refuse what is no number where one belongs."""
     for element in _looked_at(file.root, check_inertia):
@@ -185,6 +201,10 @@ def _numbers_read(file: UrdfFile, check_inertia: bool) -> None:
             if name in element.attrib:
                 _vector(file, element, name, count)
     for joint in file.root.iterchildren("joint"):
+        dynamics = joint.find("dynamics")
+        for name in ("damping", "friction") if dynamics is not None else ():
+            if float(dynamics.get(name, "0")) < 0:
+                raise ValueError(f"path: {file.where(dynamics)}: expected {name} >= 0, got {dynamics.get(name)!r}")
         axis = joint.find("axis")
         if joint.get("type") in DIRECTED and axis is not None and np.abs(_vector(file, axis, "xyz", 3)).max() < 1e-9:
             raise ValueError(f"path: {file.where(axis)}: expected an axis with a direction, got {axis.get('xyz')!r}")
