@@ -105,7 +105,7 @@ def dh_mutants(count: int, seed: int) -> Iterator[dict[str, Any]]:
                 holder = holder[step]
             kind = rng.random()
             if kind < 0.75:
-                holder[key] = rng.choice(VALUES)
+                holder[key] = copy.deepcopy(rng.choice(VALUES))
             elif kind < 0.85:
                 del holder[key]
             elif isinstance(holder, list):
