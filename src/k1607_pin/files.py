@@ -5,6 +5,27 @@ import tempfile
 from pathlib import Path
 
 
+def plain_name(name: str, what: str = "name") -> str:
+    """``name`` if it can name a file in a given folder, and nothing elsewhere.
+
+    Raises
+    ------
+    ValueError
+        Separators, dots in front, characters that do not print, nothing or too much; ``what`` says whose name it is.
+    """
+    if (
+        not name.isprintable()
+        or not name.strip()
+        or name[0] == "."
+        or set(name) & set('/\\:*?"<>|')
+        or len(name.encode()) > 200
+    ):
+        raise ValueError(
+            f"{what}: expected a name that can be a file's, without / and \\ and dots in front, got {name!r}"
+        )
+    return name
+
+
 def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path:
     """Write ``content`` to ``path``, parents made as needed; a reader sees the old file or the new one, never a part."""
     target = Path(path)

@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from k1607_pin.arguments import as_floats
+from k1607_pin.arguments import as_floats, described, shown
+from k1607_pin.arm.meshes import Geometry
+from k1607_pin.arm.serial import require_serial
 from k1607_pin.dynamics.operational_space import OperationalSpace, operational_space, singular_values
 from k1607_pin.kinematics.differential import Damping, SingularJacobianError
 
 Vector = np.ndarray
+UNITS = {"q": "rad", "v": "rad/s", "a": "rad/s^2", "tau": "N m"}
 SQUARED_RANK_TOLERANCE = 1e-4
 """sigma_min / sigma_max below which J counts as singular for Lambda: J M^-1 J^T squares it, and 1e-8 leaves eight digits."""
 
@@ -32,22 +35,35 @@ class Arm:
         visual_model: pin.GeometryModel | None = None,
         collision_model: pin.GeometryModel | None = None,
     ) -> None:
-        _require_serial(model)
-        self._model = pin.Model(model)
+        if not isinstance(model, pin.Model):
+            raise ValueError(f"model: expected a pinocchio.Model, got {shown(model)}")
+        geometry = [Geometry(g and g.copy()) for g in (visual_model, collision_model)]
+        self._set(pin.Model(model), tool_frame, *geometry)
+
+    def _set(self, model: pin.Model, tool_frame: str, visual: Geometry, collision: Geometry) -> None:
+        """Every attribute; ``model`` is not copied."""
+        require_serial(model)
+        self._model = model
         self._n = int(model.nv)
         self._shape = (self._n,)
         self._tool_frame = tool_frame
         self._tool_id = frame_id(model, tool_frame)
         self._frame_ids: dict[str, int] = {}
-        self._visual_model = visual_model and visual_model.copy()
-        self._collision_model = collision_model and collision_model.copy()
+        self._visual, self._collision = visual, collision
         self._workspace = _Workspace(self._model)
-        eigenvalues = np.linalg.eigvalsh(self.mass_matrix(pin.neutral(self._model)))
+        M = self.mass_matrix(pin.neutral(self._model))
+        if not np.isfinite(M).all():
+            raise ValueError(f"{self.name!r}: its mass matrix is not finite: masses, lengths or inertias are too large")
+        eigenvalues = np.linalg.eigvalsh(M)
         self._has_inertia = bool(eigenvalues[0] > self._n * np.finfo(float).eps * eigenvalues[-1])  # above rounding
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickled as what it was made from; the threads' workspaces stay behind."""
-        return type(self), (self._model, self._tool_frame, self._visual_model, self._collision_model)
+        """Pickled as the model alone; meshes stay in their files, and the threads' workspaces stay behind."""
+        return _remade, (type(self), self._model, self._tool_frame, self._visual, self._collision)
+
+    def with_model(self, model: pin.Model) -> "Arm":
+        """This arm's tool frame and looks on another model of the same joints and frames: other masses or limits, say."""
+        return _remade(type(self), pin.Model(model), self._tool_frame, self._visual, self._collision)
 
     # What it is
 
@@ -59,12 +75,12 @@ class Arm:
     @property
     def visual_model(self) -> pin.GeometryModel | None:
         """A copy of the visual geometry, if the arm has one."""
-        return self._visual_model and self._visual_model.copy()
+        return (whole := self._visual.whole) and whole.copy()
 
     @property
     def collision_model(self) -> pin.GeometryModel | None:
         """A copy of the collision geometry, if the arm has one."""
-        return self._collision_model and self._collision_model.copy()
+        return (whole := self._collision.whole) and whole.copy()
 
     @property
     def name(self) -> str:
@@ -111,6 +127,16 @@ class Arm:
         """(n,) kg m^2: reflected rotor inertia, part of the mass matrix."""
         return self._model.armature.copy()
 
+    @property
+    def damping(self) -> Vector:
+        """(n,) N m s: viscous joint friction of the description. `Plant.from_description` has it; the arm itself moves freely."""
+        return self._model.damping.copy()
+
+    @property
+    def friction(self) -> Vector:
+        """(n,) N m: Coulomb joint friction of the description. `Plant.from_description` has it; the arm itself moves freely."""
+        return self._model.upperDryFrictionLimit.copy()
+
     def __repr__(self) -> str:
         return f"<Arm {self.name!r}: {self.n} joints, tool frame {self.tool_frame!r}>"
 
@@ -118,7 +144,13 @@ class Arm:
         """(*size, n) joint angles, uniform within the limits (within ±180° where there are none)."""
         lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        shape = size if isinstance(size, tuple) else (int(size),)
+        if not isinstance(rng, np.random.Generator):
+            raise ValueError(
+                f"rng: expected a numpy.random.Generator, such as numpy.random.default_rng(1), got {rng!r}"
+            )
+        shape = size if isinstance(size, tuple) else (size,)
+        if not all(isinstance(k, int | np.integer) and k >= 0 for k in shape):
+            raise ValueError(f"size: expected a whole number >= 0, or a tuple of them, got {size!r}")
         return rng.uniform(lower, upper, (*shape, self.n))
 
     # Kinematics
@@ -211,6 +243,8 @@ class Arm:
             J without full row rank (always, for fewer than six joints), and no damping, or too little to act.
         """
         q, v = self._vectors(("q", "v"), q, v)
+        if damping is not None and not isinstance(damping, Damping):
+            raise ValueError(f"damping: expected a Damping or None, got {damping!r}")
         if not self._has_inertia:
             self._refuse_dynamics()
         model, data, tool = self._model, self._workspace.data, self._tool_id
@@ -238,18 +272,18 @@ class Arm:
     # Arguments
 
     def _frame_id(self, name: str) -> int:
-        if name not in self._frame_ids:
+        if not isinstance(name, str) or name not in self._frame_ids:
             self._frame_ids[name] = frame_id(self._model, name, "frame")
         return self._frame_ids[name]
 
     def as_vector(self, x: Vector, name: str) -> Vector:
         """x as (n,) finite floats; `ValueError` says what `name` should have been."""
         if type(x) is not np.ndarray or x.dtype != float:
-            x = _floats(x, name)
+            x = as_floats(name, x, described(self._shape, UNITS.get(name, ""), True))
         # A finite sum means finite numbers, at a fifth of the cost of np.isfinite(x).all(); huge ones that overflow it are
         # looked at one by one.
         if x.shape != self._shape or not (math.isfinite(sum(x.tolist())) or all(map(math.isfinite, x.tolist()))):
-            raise ValueError(f"{name}: expected ({self.n},) finite numbers, got {_seen(x)}")
+            raise ValueError(f"{name}: expected {described(self._shape, UNITS.get(name, ''), True)}, got {_seen(x)}")
         return x
 
     def _vectors(self, names: tuple[str, ...], *vectors: Vector) -> tuple[Vector, ...]:
@@ -268,11 +302,12 @@ class Arm:
         """q as (..., n) finite floats."""
         if type(q) is np.ndarray and q.ndim == 1:
             return self.as_vector(q, "q")
-        q = _floats(q, "q")
+        expected = f"(..., {self.n}) finite numbers in rad"
+        q = as_floats("q", q, expected)
         if q.ndim == 1:
             return self.as_vector(q, "q")
         if q.ndim == 0 or q.shape[-1] != self.n or not np.isfinite(q).all():
-            raise ValueError(f"q: expected (..., {self.n}) finite numbers, got {_seen(q)}")
+            raise ValueError(f"q: expected {expected}, got {_seen(q)}")
         return q
 
     def _batch(self, fun: Callable[[Vector], np.ndarray], q: Vector, shape: tuple[int, ...]) -> np.ndarray:
@@ -280,6 +315,13 @@ class Arm:
         for k, one in enumerate(q.reshape(-1, self.n)):
             out[k] = fun(one)
         return out.reshape(*q.shape[:-1], *shape)
+
+
+def _remade(kind: type[Arm], *parts: Any) -> Arm:
+    """An arm from its parts, geometry as it is."""
+    arm = kind.__new__(kind)
+    arm._set(*parts)
+    return arm
 
 
 class _Workspace(threading.local):
@@ -304,32 +346,5 @@ def frame_id(model: pin.Model, name: str, argument: str = "tool_frame") -> int:
     return next((i for i in named if model.frames[i].type == pin.BODY), named[0])
 
 
-def _floats(x: Vector, name: str) -> Vector:
-    return np.array(as_floats(name, x, "numbers"))
-
-
 def _seen(x: Vector) -> str:
     return f"shape {x.shape}" if x.size > 12 else repr(x.tolist())
-
-
-def _require_serial(model: pin.Model) -> None:
-    """Refuse what this package's formulas do not hold for."""
-    if model.nv == 0:
-        raise ValueError(f"{model.name!r}: no movable joint")
-    if (wrong := model.lowerPositionLimit > model.upperPositionLimit).any():
-        i = int(np.argmax(wrong))
-        raise ValueError(
-            f"{model.name!r}, joint {model.names[i + 1]!r}: expected a lower limit below the upper one, got "
-            f"{model.lowerPositionLimit[i]:g} and {model.upperPositionLimit[i]:g}"
-        )
-    for i in range(1, model.njoints):
-        if model.joints[i].nq != 1 or model.joints[i].nv != 1:
-            raise ValueError(
-                f"{model.name!r}, joint {model.names[i]!r}: expected one degree of freedom and one coordinate, "
-                f"got {model.joints[i].shortname()} (nq {model.joints[i].nq}, nv {model.joints[i].nv})"
-            )
-        if model.parents[i] != i - 1:
-            raise ValueError(
-                f"{model.name!r}, joint {model.names[i]!r}: expected a serial chain, but its parent is "
-                f"{model.names[model.parents[i]]!r}; lock the joints that do not carry the tool frame"
-            )

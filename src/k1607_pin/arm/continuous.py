@@ -40,5 +40,9 @@ def with_one_angle_each(model: pin.Model) -> pin.Model:
         result.inertias[i] = model.inertias[i]
     for frame in list(model.frames)[1:]:
         result.addFrame(frame, False)
-    result.armature = model.armature
+    result.armature, result.damping = model.armature, model.damping
+    result.lowerDryFrictionLimit, result.upperDryFrictionLimit = (
+        model.lowerDryFrictionLimit,
+        model.upperDryFrictionLimit,
+    )
     return result

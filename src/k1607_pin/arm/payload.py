@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from k1607_pin.arguments import number, numbers
 from k1607_pin.arm.arm import Arm, frame_id
 from k1607_pin.dynamics.linear import solve_symmetric
 
@@ -28,13 +29,11 @@ class Payload:
     """(3, 3) kg m^2 about the cg, axes of the tool frame; zero for a point mass"""
 
     def __post_init__(self) -> None:
-        cg, inertia = np.array(self.cg, dtype=float), np.array(self.inertia, dtype=float)
-        if not 0 <= self.mass < np.inf:
-            raise ValueError(f"mass: expected a finite mass >= 0 in kg, got {self.mass!r}")
-        if cg.shape != (3,) or not np.isfinite(cg).all():
-            raise ValueError(f"cg: expected (3,) finite numbers in m, got {self.cg!r}")
-        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or np.abs(inertia - inertia.T).max() > 0:
-            raise ValueError(f"inertia: expected a symmetric finite (3, 3) matrix in kg m^2, got {self.inertia!r}")
+        number("mass", self.mass, at_least=0, unit="kg")
+        cg = numbers("cg", self.cg, (3,), "m").copy()
+        inertia = numbers("inertia", self.inertia, (3, 3), "kg m^2").copy()
+        if (inertia != inertia.T).any():
+            raise ValueError(f"inertia: expected a symmetric matrix in kg m^2, got {self.inertia!r}")
         moments = np.linalg.eigvalsh(inertia)
         slack = 1e-12 * max(moments[2], 0.0)
         if moments[0] < -slack or moments[0] + moments[1] < moments[2] - slack:
@@ -50,17 +49,22 @@ def with_payload(arm: Arm, payload: Payload) -> Arm:
 
     Laying it down again is going back to ``arm``, which has not changed.
     """
+    if not isinstance(payload, Payload):
+        raise ValueError(f"payload: expected a Payload, got {payload!r:.80}")
     if payload.mass == 0:
         return arm
     model = arm.model
     tool = model.frames[frame_id(model, arm.tool_frame)]
     body = pin.Inertia(float(payload.mass), payload.cg, payload.inertia)
     model.inertias[tool.parentJoint] += tool.placement.act(body)
-    return Arm(model, arm.tool_frame, arm.visual_model, arm.collision_model)
+    return arm.with_model(model)
 
 
 def blend(first: Payload, second: Payload, share: float) -> Payload:
     """(1 - share) of the first and ``share`` of the second, held together: masses, moments and inertias mix as they add."""
+    share = number("share", share, at_least=0)
+    if share > 1:
+        raise ValueError(f"share: expected a number from 0 to 1, got {share!r}")
     if share in (0.0, 1.0):
         return (first, second)[int(share)]
     a, b = (1 - share) * first.mass, share * second.mass
@@ -79,8 +83,9 @@ def velocity_after_gripping(bare: Arm, after: Arm, gripped: Payload, q: np.ndarr
     M' v' = (M' - M_gripped) v: all but the newcomer brings its momentum. What was let go at the same moment took its own along.
     bare : the arm without any payload; q, v : (n,) at that moment.
     """
+    v = bare.as_vector(v, "v")
     newcomer = with_payload(bare, gripped).mass_matrix(q) - bare.mass_matrix(q)
-    return velocity_after_gripping_of(after.mass_matrix(q), newcomer, bare.as_vector(v, "v"))
+    return velocity_after_gripping_of(after.mass_matrix(q), newcomer, v)
 
 
 def velocity_after_gripping_of(M: Any, newcomer: Any, v: Any) -> Any:

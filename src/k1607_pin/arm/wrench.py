@@ -1,9 +1,11 @@
 """A force and moment from outside on one of the arm's frames."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from k1607_pin.arguments import numbers
 from k1607_pin.arm.arm import Arm, frame_id
 
 AXES = ("base", "frame")
@@ -29,14 +31,15 @@ class Wrench:
     """Axes of force and moment: "base", or "frame" for those of the frame itself."""
 
     def __post_init__(self) -> None:
-        for name in ("force", "moment"):
-            if hasattr(getattr(self, name), "_v"):  # traced: not to be checked
-                continue
-            x = np.array(getattr(self, name), dtype=float)
-            if x.shape != (3,) or not np.isfinite(x).all():
-                raise ValueError(f"{name}: expected (3,) finite numbers, got {getattr(self, name)!r}")
-            object.__setattr__(self, name, x)
-        if self.axes not in AXES:
+        for name, unit in (("force", "N"), ("moment", "N m")):
+            x = getattr(self, name)
+            if type(x) is np.ndarray and x.dtype == float and x.shape == (3,) and math.isfinite(sum(x.tolist())):
+                object.__setattr__(self, name, x.copy())  # every step of a simulation makes one
+            elif not hasattr(x, "_v"):  # traced: not to be checked
+                object.__setattr__(self, name, numbers(name, x, (3,), unit).copy())
+        if self.frame is not None and not isinstance(self.frame, str):
+            raise ValueError(f"frame: expected the name of a frame, or None for the tool, got {self.frame!r}")
+        if not isinstance(self.axes, str) or self.axes not in AXES:
             raise ValueError(f"axes: expected one of {', '.join(AXES)}, got {self.axes!r}")
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TimeRemainingColumn
 from rich.table import Table
 
-from k1607_pin.cli.app import console, finite, robot_called
+from k1607_pin.cli.app import Lock, Robot, ToolFrame, console, finite, robot_called
 
 if TYPE_CHECKING:
     pass
@@ -47,9 +47,9 @@ def doctor(
 
 
 def bench(
-    robot: Annotated[
-        str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
-    ] = "k1607",
+    robot: Robot = "k1607",
+    tool_frame: ToolFrame = None,
+    lock: Lock = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Time compiled rollouts, dynamics and a control tick of an arm, beside Pinocchio's C++ in the same run: some seconds.
@@ -63,7 +63,7 @@ def bench(
     """
     from k1607_pin.compiled.bench import bench as run
 
-    arm = robot_called(robot)
+    arm = robot_called(robot, tool_frame=tool_frame, lock=lock)
     notes = Console(stderr=True, highlight=False)
     try:
         with notes.status("compiling") as status:
@@ -235,9 +235,9 @@ def identify(
 
 def export(
     out: Annotated[Path, typer.Argument(help="Folder for the C files; made if it is not there.")],
-    robot: Annotated[
-        str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
-    ] = "k1607",
+    robot: Robot = "k1607",
+    tool_frame: ToolFrame = None,
+    lock: Lock = None,
     law: Annotated[list[str] | None, typer.Option(help="cartesian, joint or hybrid; repeat for several.")] = None,
     function: Annotated[list[str] | None, typer.Option(help="Of the arm, e.g. jacobian; all when left out.")] = None,
     period: Annotated[float, typer.Option(help="Control period in ms, for which the laws' gains are made.")] = 1.0,
@@ -254,7 +254,7 @@ def export(
     from k1607_pin.compiled.export import export as write
     from k1607_pin.compiled.export.presets import law_of
 
-    arm = robot_called(robot)
+    arm = robot_called(robot, tool_frame=tool_frame, lock=lock)
     laws = {name: law_of(arm, name, period * 1e-3) for name in law or ()}
     files = write(arm, out, laws, function or None, prefix)
     for file in files:

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from k1607_pin.cli.app import console, finite, robot_called
+from k1607_pin.cli.app import Lock, Robot, ToolFrame, console, finite, robot_called
 from k1607_pin.description.units import INCH, POUND
 
 if TYPE_CHECKING:
@@ -32,9 +32,9 @@ def simulate(
             help="report: as published, 10 ms; recommended: ours, 1 kHz, full gravity. The latter for other robots."
         ),
     ] = None,
-    robot: Annotated[
-        str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
-    ] = "k1607",
+    robot: Robot = "k1607",
+    tool_frame: ToolFrame = None,
+    lock: Lock = None,
     payload: Annotated[
         float | None, typer.Option(help="lb, carried in the middle third; 10 for the K-1607 when left out.")
     ] = None,
@@ -58,7 +58,8 @@ def simulate(
     from k1607_pin.report.runs import write_run
     from k1607_pin.simulation.simulate import SimulationError
 
-    arm = None if robot == "k1607" else robot_called(robot, 9.81 if gravity is None else gravity)
+    own = robot == "k1607" and not (tool_frame or lock)  # the case as published
+    arm = None if own else robot_called(robot, 9.81 if gravity is None else gravity, tool_frame, lock)
     mass = None if payload is None else payload * POUND
     settings = settings or ("report" if arm is None else "recommended")
     study = study_case(

@@ -43,11 +43,11 @@ def urdf(
     """
     from k1607_pin.description import description
     from k1607_pin.description.urdf import to_urdf
-    from k1607_pin.files import write_atomically
+    from k1607_pin.files import plain_name, write_atomically
 
     arm = description.k1607() if dh is None else description.from_mapping(_read_toml(dh))
     text = to_urdf(arm)
-    out = out or (Path("urdf/k1607.urdf") if dh is None else Path(f"{arm.name}.urdf"))
+    out = out or (Path("urdf/k1607.urdf") if dh is None else Path(f"{plain_name(arm.name, 'name in ' + str(dh))}.urdf"))
     if check:
         if not out.exists() or out.read_text() != text:
             raise ValueError(f"{out} is not what the data give: run `k1607 urdf --out {out}`")
@@ -62,7 +62,9 @@ def _read_toml(path: Path) -> dict[str, object]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ValueError(f"--dh: no file {path}") from None
-    except tomllib.TOMLDecodeError as error:
+    except OSError as error:
+        raise ValueError(f"--dh: {path} cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"--dh: {path} is not TOML: {error}") from None
 
 

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from k1607_pin.cli.app import console, robot_called
+from k1607_pin.cli.app import Lock, Robot, ToolFrame, console, robot_called
 
 if TYPE_CHECKING:
     pass
 
 
 def view(
-    robot: Annotated[
-        str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")
-    ] = "k1607",
+    robot: Robot = "k1607",
+    tool_frame: ToolFrame = None,
+    lock: Lock = None,
     html: Annotated[
         Path | None, typer.Option(help="Write one self-contained page to this file, and no server.")
     ] = None,
@@ -41,7 +41,7 @@ def view(
     from k1607_pin import view as viewer
     from k1607_pin.view.demo import each_joint_in_turn
 
-    arm = robot_called(robot)
+    arm = robot_called(robot, tool_frame=tool_frame, lock=lock)
     times, Q = each_joint_in_turn(arm) if pose is None else (None, _degrees(pose))
     if html is not None:
         path = viewer.save_html(arm, html, times, Q, frames=frames)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from k1607_pin import data
+from k1607_pin.arguments import as_floats, shown
+from k1607_pin.description.bounds import LARGEST
 from k1607_pin.description.dh import DHTable, check_keys
 from k1607_pin.description.inertia import LinkInertia, k1607_links
 from k1607_pin.description.shapes import Shape, shapes_from, shapes_from_dh
@@ -65,12 +67,18 @@ def from_mapping(table: Mapping[str, Any]) -> ArmDescription:
     check_keys("arm description", table, required=("dh",), optional=("name", "limits", "link", *PROVENANCE))
     dh = DHTable.from_mapping(table["dh"])
     return ArmDescription(
-        name=str(table.get("name", "arm")),
+        name=_name(table.get("name", "arm")),
         dh=dh,
         **_limits(table.get("limits", {}), dh.n),
         links=_links(table["link"], dh.n) if "link" in table else None,
         shapes=shapes_from_dh(dh),
     )
+
+
+def _name(name: Any) -> str:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise ValueError(f"name: expected a text of printable characters, got {name!r}")
+    return name
 
 
 def _limits(table: Mapping[str, Any], n: int) -> dict[str, Any]:
@@ -81,9 +89,9 @@ def _limits(table: Mapping[str, Any], n: int) -> dict[str, Any]:
     for i, (low, high) in enumerate(position, start=1):
         if low >= high:
             raise ValueError(f"limits, row {i}, column 'position_deg': expected lower < upper, got {low} and {high}")
-    for column, values in (("velocity_deg_s", velocity), ("effort_N_m", effort)):
+    for column, values, unit in (("velocity_deg_s", velocity, DEGREE), ("effort_N_m", effort, 1.0)):
         for i, value in enumerate(values, start=1):
-            if value <= 0:
+            if value * unit <= 0:
                 raise ValueError(f"limits, row {i}, column {column!r}: expected a positive number, got {value}")
     lower, upper = position.T * DEGREE
     return {"lower": lower, "upper": upper, "velocity": velocity * DEGREE, "effort": effort}
@@ -114,13 +122,14 @@ def _links(rows: Sequence[Mapping[str, Any]], n: int) -> list[LinkInertia]:
 
 
 def _numbers(value: Any, shape: tuple[int, ...], table: str, column: str) -> np.ndarray:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{table}, column {column!r}: expected numbers, got {value!r}") from None
+    array = as_floats(f"{table}, column {column!r}", value, "numbers")
+    if isinstance(value, bool):
+        raise ValueError(f"{table}, column {column!r}: expected numbers, got {value!r}")
     if array.shape != shape:
         raise ValueError(f"{table}, column {column!r}: expected shape {shape}, got {array.shape}")
     if not np.isfinite(array).all():
         row = "" if not shape or table.startswith("link") else f", row {np.argwhere(~np.isfinite(array))[0][0] + 1}"
         raise ValueError(f"{table}{row}, column {column!r}: expected finite numbers, got {value!r}")
+    if (np.abs(array) > LARGEST).any():
+        raise ValueError(f"{table}, column {column!r}: expected numbers up to {LARGEST:g}, got {shown(value)}")
     return array

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from k1607_pin import data
+from k1607_pin.arguments import shown
 from k1607_pin.description import units
+from k1607_pin.description.bounds import LARGEST, MOST_JOINTS
 
 COLUMNS = ("alpha", "a", "d", "theta_offset")
 
@@ -96,6 +98,8 @@ class DHTable:
         to_m = units.factor(units.LENGTH, length, "D-H table, columns 'a' and 'd'")
         if not hasattr(rows, "__len__") or isinstance(rows, str | bytes | Mapping) or len(rows) == 0:
             raise ValueError(f"D-H table: expected at least one row, got {rows!r}")
+        if len(rows) > MOST_JOINTS:
+            raise ValueError(f"D-H table: expected at most {MOST_JOINTS} rows, got {len(rows):,}")
         table = np.zeros((len(rows), 4))
         for i, row in enumerate(rows, start=1):
             if isinstance(row, str | bytes | Mapping) or not hasattr(row, "__len__") or len(row) not in (3, 4):
@@ -104,7 +108,13 @@ class DHTable:
                 )
             for column, value in zip(COLUMNS, row, strict=False):
                 if not _is_finite_number(value):
-                    raise ValueError(f"D-H table, row {i}, column {column!r}: expected a finite number, got {value!r}")
+                    raise ValueError(
+                        f"D-H table, row {i}, column {column!r}: expected a finite number, got {shown(value)}"
+                    )
+                if abs(value) > LARGEST:
+                    raise ValueError(
+                        f"D-H table, row {i}, column {column!r}: expected a number up to {LARGEST:g}, got {value!r}"
+                    )
             table[i - 1, : len(row)] = row
         return cls(*(table * [to_rad, to_m, to_m, to_rad]).T.copy())
 

@@ -86,7 +86,9 @@ def _inertial(link: LinkInertia) -> elements.Inertial:
 def _twelve_digits(x: np.ndarray) -> np.ndarray:
     """x to 12 digits of its largest entry: the last ones are rounding's, and another processor's differ."""
     largest = float(np.abs(x).max())
-    return np.round(x, 11 - int(np.floor(np.log10(largest)))) + 0.0 if largest > 0 else x
+    if largest < 1e-280:  # zero, or what its digits would take beyond the largest float
+        return np.zeros_like(x)
+    return np.round(x, 11 - int(np.floor(np.log10(largest)))) + 0.0
 
 
 def _geometry(shape: Shape) -> elements.Geometry:

@@ -254,7 +254,7 @@ def _without_limits(arm: Arm) -> Arm:
     """The arm with every joint free to turn once round either way."""
     model = arm.model
     model.lowerPositionLimit[:], model.upperPositionLimit[:] = -2 * np.pi, 2 * np.pi
-    return Arm(model, arm.tool_frame, arm.visual_model, arm.collision_model)
+    return arm.with_model(model)
 
 
 def _posture_at(arm: Arm, position: np.ndarray, rotation: np.ndarray, near: np.ndarray) -> np.ndarray:

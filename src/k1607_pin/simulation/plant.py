@@ -64,6 +64,16 @@ class Plant:
         object.__setattr__(self, "_upper", self.arm.upper)
         object.__setattr__(self, "_has_stops", bool((self.stop_stiffness > 0).any() or (self.stop_damping > 0).any()))
 
+    @classmethod
+    def from_description(cls, arm: Arm, **others: np.ndarray) -> "Plant":
+        """The arm with the joint friction that its description writes down (``<dynamics damping friction>`` of a URDF).
+
+        ``others`` : torque limits and stops, as for `Plant`.
+        """
+        if not isinstance(arm, Arm):
+            raise ValueError(f"arm: expected an Arm (load_k1607, load_urdf, load_example), got {arm!r:.80}")
+        return cls(arm, **({"viscous": arm.damping, "coulomb": arm.friction} | others))
+
     def carrying(self, arm: Arm) -> "Plant":
         """The same plant with another arm, the loaded one say."""
         return replace(self, arm=arm)
