@@ -15,6 +15,7 @@ from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import rotation_of
 from k1607_pin.control import pose
 from k1607_pin.control.adaptation import Gains, checked_gains, proportional_derivative
+from k1607_pin.control.finite import finite_only
 from k1607_pin.control.joint_space import ERRORS, JointPath, check_path, errors
 from k1607_pin.control.posture import Posture, posture_torque
 
@@ -46,6 +47,7 @@ class GravityPD:
         """No state."""
         check_path(self.arm, self.path, duration)
 
+    @finite_only
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: None) -> tuple[np.ndarray, None, Log]:
         """Torque (n,) N m, and the errors."""
         wanted = self.path(t)
@@ -77,6 +79,7 @@ class ComputedTorque:
         """No state."""
         check_path(self.arm, self.path, duration, NEEDED)
 
+    @finite_only
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: None) -> tuple[np.ndarray, None, Log]:
         """Torque (n,) N m, and the errors."""
         wanted, omega = self.path(t), self.omega
@@ -118,6 +121,7 @@ class OperationalSpaceControl:
         """No state."""
         pose.check_path(self.path, self.rotation, duration, NEEDED)
 
+    @finite_only
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: None) -> tuple[np.ndarray, None, Log]:
         """Torque (n,) N m, and the errors."""
         arm, wanted = self.arm, self.path(t)
@@ -176,6 +180,7 @@ class SlotineLi:
         check_path(self.arm, self.path, duration, NEEDED)
         return parameters(self.arm)
 
+    @finite_only
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, Log]:
         """Torque (n,) N m, the next estimate, and the errors."""
         wanted = self.path(t)

@@ -8,6 +8,7 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import rotation_of
 from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
+from k1607_pin.control.finite import finite_only
 from k1607_pin.control.pose import (
     ERRORS,
     PosePath,
@@ -143,6 +144,7 @@ class CartesianAdaptive:
         """The initial gains, whatever the path; q : (n,) rad; v : (n,) rad/s."""
         return AdaptiveState(self.gains, v)
 
+    @finite_only
     def update(
         self, t: float, q: np.ndarray, v: np.ndarray, state: AdaptiveState
     ) -> tuple[np.ndarray, AdaptiveState, dict[str, Any]]:

@@ -13,6 +13,7 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.reach import UnreachableError, rotation_of
 from k1607_pin.control.adaptation import Gains
+from k1607_pin.control.finite import finite_only
 from k1607_pin.control.hybrid_law import HybridState, HybridStep, Loop, hybrid_adaptive, per_stiffness
 from k1607_pin.control.modes import Mode, Modes, checked_modes, mode_at
 from k1607_pin.control.pose import PosePath, check_path, check_reach, checked_rotation, wanted_velocity
@@ -175,6 +176,7 @@ class HybridAdaptive:
         selection, force = self.mode(0.0)
         return HybridState(self.gains, self.force_gains, v, selection, force, *np.zeros((4, 6)))
 
+    @finite_only
     def update(
         self, t: float, q: np.ndarray, v: np.ndarray, state: HybridState
     ) -> tuple[np.ndarray, HybridState, dict[str, Any]]:

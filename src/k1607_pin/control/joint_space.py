@@ -8,6 +8,7 @@ import numpy as np
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
+from k1607_pin.control.finite import finite_only
 from k1607_pin.control.pose import pose_error
 from k1607_pin.control.practice import OFF, AdaptiveState, Practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel, reference_model
@@ -111,6 +112,7 @@ class JointAdaptive:
         """The initial gains, whatever the path; q : (n,) rad; v : (n,) rad/s."""
         return AdaptiveState(self.gains, v)
 
+    @finite_only
     def update(
         self, t: float, q: np.ndarray, v: np.ndarray, state: AdaptiveState
     ) -> tuple[np.ndarray, AdaptiveState, dict[str, Any]]:

@@ -10,6 +10,7 @@ import xarray as xr
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.payload import velocity_after_gripping, with_payload
 from k1607_pin.arm.wrench import Wrench, wrench_at_tool, wrench_torque
+from k1607_pin.control.finite import NotFiniteError
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import NOTHING, PayloadSchedule
@@ -117,7 +118,10 @@ def simulate(
     ValueError
         Wrong shapes, the controller's torque included; non-finite or out-of-order times; periods that do not fit.
     SimulationError
-        A joint is faster than `RUNAWAY`, or the controller's torque is not finite; it carries the log so far.
+        A joint is faster than `RUNAWAY`, or the controller's torque is not finite, or what it was made of; it carries the log
+        so far.
+    NotFiniteError
+        The same at the first sample, where there is no log.
     """
     plant = plant_of(plant)
     require_controller(controller)
@@ -151,6 +155,10 @@ def simulate(
         try:
             asked, state, log = controller.update(t, q.copy(), v.copy(), state)
             log = {**log, **(observe(plant.arm, q, v) if observe else {})}
+        except NotFiniteError as error:
+            if not records:
+                raise
+            raise SimulationError(t, q, v, _dataset(records, control_period, bare, variables), str(error)) from error
         except Exception as error:
             error.add_note(f"in simulate, at t = {t:.6g} s, q = {q.tolist()}, v = {v.tolist()}")
             raise
