@@ -11,12 +11,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from k1607_pin.arguments import as_floats
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled import emit
 from k1607_pin.compiled.build import compiler, library
 from k1607_pin.compiled.interpreted import WARNING, function_of
 from k1607_pin.compiled.kernel import resource
-from k1607_pin.compiled.lanes import processors
+from k1607_pin.compiled.lanes import AT_ONCE, processors
 from k1607_pin.compiled.leaves import Layout
 from k1607_pin.compiled.order import in_order
 from k1607_pin.compiled.program import Program, program
@@ -42,8 +43,12 @@ class Batch:
         The function does not trace; the operation is named.
     """
 
-    def __init__(self, fun: Callable[..., Any], shapes: Sequence[tuple[int, ...]]) -> None:
+    def __init__(
+        self, fun: Callable[..., Any], shapes: Sequence[tuple[int, ...]], names: Sequence[str] = (), finite: bool = False
+    ) -> None:
+        """``names`` of the arguments, for messages; ``finite``: refuse what is not, else NaN is passed on as NumPy does."""
         self.shapes = [tuple(shape) for shape in shapes]
+        self.names, self.finite = names or [f"argument {k}" for k in range(len(self.shapes))], finite
         if not self.shapes:
             raise ValueError("shapes: expected at least one argument's, got none")
         sizes = [int(np.prod(shape)) for shape in self.shapes]
@@ -99,14 +104,25 @@ class Batch:
             raise ValueError(f"expected {len(self.shapes)} arguments, got {len(arguments)}")
         if threads is not None and (not isinstance(threads, Integral) or threads < 1):
             raise ValueError(f"threads: expected a whole number from 1 on, got {threads!r}")
-        arrays = [np.asarray(x, dtype=float) for x in arguments]
-        for k, (x, shape) in enumerate(zip(arrays, self.shapes, strict=True)):
+        arrays = [as_floats(name, x) for name, x in zip(self.names, arguments, strict=True)]
+        for name, x, shape in zip(self.names, arrays, self.shapes, strict=True):
             if x.shape[x.ndim - len(shape) :] != shape or x.shape[: x.ndim - len(shape)] != self._lead(arrays):
                 raise ValueError(
-                    f"argument {k}: expected (..., {', '.join(map(str, shape))}), alike for all, got shape {x.shape}"
+                    f"{name}: expected (..., {', '.join(map(str, shape))}), alike for all, got shape {x.shape}"
                 )
+            # a sum tells at a third of the cost, short of an overflow
+            with np.errstate(over="ignore"):
+                good = not self.finite or np.isfinite(x.sum()) or np.isfinite(x).all()
+            if not good:
+                raise ValueError(f"{name}: expected finite numbers, got {int((~np.isfinite(x)).sum())} that are not")
         lead = self._lead(arrays)
         count = int(np.prod(lead))
+        needed = 8 * count * self._layout.size + sum(x.nbytes for x in arrays)
+        if out is None and needed > AT_ONCE:
+            raise ValueError(
+                f"expected at most {AT_ONCE / 2**30:.0f} GiB at once, got {count} states of {needed / 2**30:.1f} GiB with their "
+                "results: call it on parts of them, or with memory of your own, out=f.empty(count)"
+            )
         inputs = [
             np.ascontiguousarray(x.reshape(count, int(np.prod(s)))) for x, s in zip(arrays, self.shapes, strict=True)
         ]
@@ -172,7 +188,7 @@ class Batch:
 def batch(arm: Arm, method: str) -> Batch:
     """A method of `Arm` on batches of states: "operational_space", "forward_dynamics", "jacobian", "mass_matrix", ...
 
-    Singular postures are not looked for. Arguments are the method's, (..., n) each.
+    Singular postures are not looked for. Arguments are the method's, (..., n) each, finite.
 
     Raises
     ------
@@ -187,7 +203,8 @@ def batch(arm: Arm, method: str) -> Batch:
     if method == "operational_space" and arm.n < 6:
         raise ValueError(f"method: expected six joints or more for operational_space, {arm.name!r} has {arm.n}")
     traced = TracedArm(arm)
-    return Batch(getattr(traced, method), [(arm.n,)] * arguments)
+    names = ("q", "v", "tau" if method == "forward_dynamics" else "a")[:arguments]
+    return Batch(getattr(traced, method), [(arm.n,)] * arguments, names, finite=True)
 
 
 METHODS = {
@@ -206,7 +223,7 @@ def _source(p: Program, sizes: Sequence[int], out: int, lanes: int) -> str:
     )
     return f"""#define W {lanes}
 {resource("lanes.h")}
-{emit.function("f", p, len(sizes))}
+{emit.function("f", p, sizes)}
 void run(int64_t blocks, const double *const *in, double *out)
 {{
   for (int64_t b = 0; b < blocks; b++) {{
