@@ -88,7 +88,10 @@ def test_memory_may_be_used_again():
         ((np.zeros((5, 7)), np.full((5, 7), np.nan)), "v: expected finite numbers, got 35 that are not"),
         ((np.zeros((5, 7)), np.zeros((5, 7)) + 1j), "v: expected real numbers"),
         ((np.ma.masked_greater(np.ones((5, 7)), 0), np.zeros((5, 7))), "q: expected real numbers, got a masked array"),
-        ((np.broadcast_to(0.0, (10**8, 7)), np.broadcast_to(0.0, (10**8, 7))), r"at most 4 GiB at once, got 100000000 states of"),
+        (
+            (np.broadcast_to(0.0, (10**8, 7)), np.broadcast_to(0.0, (10**8, 7))),
+            r"at most 4 GiB at once, got 100000000 states of",
+        ),
     ],
 )
 def test_bad_input(arguments, said):

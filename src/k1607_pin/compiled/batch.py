@@ -44,7 +44,11 @@ class Batch:
     """
 
     def __init__(
-        self, fun: Callable[..., Any], shapes: Sequence[tuple[int, ...]], names: Sequence[str] = (), finite: bool = False
+        self,
+        fun: Callable[..., Any],
+        shapes: Sequence[tuple[int, ...]],
+        names: Sequence[str] = (),
+        finite: bool = False,
     ) -> None:
         """``names`` of the arguments, for messages; ``finite``: refuse what is not, else NaN is passed on as NumPy does."""
         self.shapes = [tuple(shape) for shape in shapes]

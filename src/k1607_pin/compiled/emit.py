@@ -12,9 +12,7 @@ LIBM = {
 }  # fmt: skip
 
 
-def function(
-    name: str, program: Program, sizes: Sequence[int], shared: Collection[int] = (), kind: str = "V"
-) -> str:
+def function(name: str, program: Program, sizes: Sequence[int], shared: Collection[int] = (), kind: str = "V") -> str:
     """A static C function ``name(i0, i1, ..., o0, o1, ...)`` of pointers, none of which may overlap.
 
     Parameters

@@ -84,7 +84,9 @@ def require_array(name: str, x: np.ndarray, shape: tuple[int, ...], dtype: type)
     """
     if x.shape != shape or x.dtype != dtype or not x.flags.c_contiguous:
         order = "" if x.flags.c_contiguous else " not row by row"
-        raise ValueError(f"{name}: expected {np.dtype(dtype)} of shape {shape}, got {x.dtype} of shape {x.shape}{order}")
+        raise ValueError(
+            f"{name}: expected {np.dtype(dtype)} of shape {shape}, got {x.dtype} of shape {x.shape}{order}"
+        )
     return x.ctypes.data
 
 
