@@ -400,10 +400,13 @@ def test_an_infinite_torque_is_no_limit_where_the_limit_varies(free, q0):
     ("settings", "words"),
     [
         ({"varied": ("plant.viscous", "plant.viscous")}, "each name once, got plant.viscous twice"),
-        ({"signals": {"work": lambda log: log["t"]}, "log": "work"}, "none of a result's, got 'work'"),
+        (
+            {"signals": {"work": lambda log: log["t"]}},
+            "signals: expected names other than those of every run, got work",
+        ),
         (
             {"signals": {"tau_max": lambda log: log["t"]}, "metrics": {"tau": "max"}, "log": ("tau_max",)},
-            "none of a result's, got 'tau_max'",
+            "log: expected none that is called as a metric's result is, got tau_max",
         ),
         ({"varied": ("payloads.0.time",), "payloads": [(0.1, k1607.Payload(1.0))]}, "no period and no time"),
     ],

@@ -25,8 +25,9 @@ from k1607_pin.compiled.kernel import Kernel, source
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
 from k1607_pin.compiled.leaves import lasts, numbers, replaced
 from k1607_pin.compiled.plan import Plan
-from k1607_pin.compiled.results import REST, RESULTS, dataset, variables_of
+from k1607_pin.compiled.results import REST, dataset, variables_of
 from k1607_pin.simulation.integrators import semi_implicit_euler
+from k1607_pin.simulation.names import require_names
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import PayloadSchedule
 from k1607_pin.simulation.simulate import RUNAWAY, grid, require_controller
@@ -137,9 +138,10 @@ def rollouts(
     if metrics is None:
         metrics = {name: kinds for name, kinds in DEFAULT_METRICS.items() if name in variables_of(controller)}
     metrics = {name: (kinds,) if isinstance(kinds, str) else tuple(kinds) for name, kinds in metrics.items()}
-    results = {f"{name}_{kind}" for name, kinds in metrics.items() for kind in kinds} | RESULTS
-    if wrong := [x for x in signals or () if "/" in x or x in ("rollout", "time") or (x in log and x in results)]:
-        raise ValueError(f"signals: expected names without /, and none of a result's, got {wrong[0]!r}")
+    require_names("signals", signals or ())
+    results = {f"{name}_{kind}" for name, kinds in metrics.items() for kind in kinds}
+    if both := sorted(results.intersection(log)):
+        raise ValueError(f"log: expected none that is called as a metric's result is, got {', '.join(both)}")
     if double := {name for name in varied if list(varied).count(name) > 1}:
         raise ValueError(f"vary: expected each name once, got {', '.join(sorted(double))} twice")
     if wrong := [name for name in varied if TIMES.fullmatch(name)]:

@@ -18,6 +18,7 @@ from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.tracer import Tracer, TracingError, column, explained, symbol_array, without_nan
 from k1607_pin.dynamics.rigid_body import inertia_from, rigidly_carried
+from k1607_pin.simulation.names import require_names
 from k1607_pin.simulation.plant import Plant
 
 SOMEWHERE = 0.1
@@ -160,6 +161,9 @@ class _Tracing:
         may_limit = "plant.torque_limit" in self.shapes or np.isfinite(self.setup.plant.torque_limit).any()
         if may_limit:  # what is not finite must not become a limit, and look well
             tau = np.where(np.abs(asked) < np.inf, tau, np.inf)
+        require_names("log", log)
+        if both := sorted(set(log).intersection(self.setup.signals)):
+            raise ValueError(f"signals: expected names other than the controller's, got {', '.join(both)}")
         log = {
             **log, "t": tracer.time[0], "q": self.q, "v": self.v, "tau": tau,
             "tool_position": plant.arm.forward_kinematics(self.q).translation,
