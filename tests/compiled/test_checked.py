@@ -297,8 +297,8 @@ def test_what_is_off_by_more_than_the_largest_entry_allows_is_never_passed(wante
     traced = wanted + off
     if (np.abs(traced - wanted) > 1e-9 * largest).any():
         with pytest.raises(TracingError, match="on numbers"):
-            _require_close("it", np.arange(5.0), traced, wanted, no_rounding)
-    _require_close("it", np.arange(5.0), wanted, wanted, no_rounding)
+            _require_close("it", np.arange(5.0), traced, wanted, no_rounding, str)
+    _require_close("it", np.arange(5.0), wanted, wanted, no_rounding, str)
 
 
 def test_rounding_is_measured_operation_by_operation():

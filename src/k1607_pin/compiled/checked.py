@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from k1607_pin.compiled import nest
 from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop, Setup, is_of_arm, start_of
 from k1607_pin.compiled.interpreted import Interpreter
 from k1607_pin.compiled.leaves import apart, is_number, numbers, paths, replaced
+from k1607_pin.compiled.reasons import reason
 from k1607_pin.compiled.traced_arm import inertial_parameters
 from k1607_pin.compiled.traced_loop import torque_of
 from k1607_pin.compiled.tracer import TracingError
@@ -74,13 +76,14 @@ def _require_same(setup: Setup, loop: ClosedLoop, initial_state: Any) -> None:
     k = np.arange(len(TIMES))[:, None]
     Q = MIDDLE * np.arange(1.0, n + 1) + SWING * np.sin(k + np.arange(n))
     V = SPEED * np.cos(1.7 * k + np.arange(n))
-    state = copy.deepcopy(initial_state) if loop.state_is_given else controller.initial(Q[0], V[0])
+    state = apart(initial_state) if loop.state_is_given else controller.initial(Q[0], V[0])
     built, own = paths(state), attributes(controller)
-    states, rows = [], []
+    states, nests, rows = [], [], []
     for t, q, v in zip(TIMES, Q, V, strict=True):
         before = loop.state.flat(state)
         try:
             with np.errstate(all="ignore"):
+                kept = apart(state)
                 asked, state, log = controller.update(float(t), q.copy(), v.copy(), state)
         except Exception as error:  # at a state that was made up: nothing can be told from there on
             logger.debug("controller.update at t = %s: %r", t, error)
@@ -89,12 +92,20 @@ def _require_same(setup: Setup, loop: ClosedLoop, initial_state: Any) -> None:
             raise TracingError(f"controller.update: expected a torque of shape ({n},), got {np.shape(asked)}")
         require_built(paths(state), built)
         states.append(before)
+        nests.append(kept)
         rows.append(_outputs(setup, loop, asked, state, log, float(t), q, v))
     require_unchanged(controller, own)
     if rows:
         count = len(rows)
         _compare(
-            setup, loop, TIMES[:count], Q[:count], V[:count], np.array(states, dtype=float).reshape(count, -1), rows
+            setup,
+            loop,
+            TIMES[:count],
+            Q[:count],
+            V[:count],
+            np.array(states, dtype=float).reshape(count, -1),
+            rows,
+            nests,
         )
 
 
@@ -106,6 +117,7 @@ def _compare(
     V: np.ndarray,
     states: np.ndarray,
     rows: Sequence[Any],
+    nests: Sequence[Any],
 ) -> None:
     held = np.array([setup.plant.motor_torque(x[: loop.n]) for x in rows])
     tau = np.where(np.isfinite(held).all(axis=1)[:, None], held, 0.0)
@@ -131,7 +143,31 @@ def _compare(
         def rounding(what: str = what, count: int = count) -> np.ndarray:
             return rounding_of(traced[what][:count], [run[what][:count] for run in rounded_anew()])
 
-        _require_close(what, at, traced[what][:count], expected, rounding)
+        def why(k: int, what: str = what) -> str:
+            t, q, v = float(times[k]), Q[k], V[k]
+            holder = {"controller": setup.controller, "signals": setup.signals, "external": setup.external}
+            ask: dict[str, Callable[[Any], Any]] = {
+                "controller.update": lambda x: _asked(
+                    setup, x["controller"], x["signals"], t, q, v, apart(nests[k])
+                ),
+                "controller.initial": lambda x: x["controller"].initial(q.copy(), v.copy()),
+                "plant, external, step": lambda x: _stepped(replace(setup, external=x["external"]), t, q, v, tau[k]),
+            }
+            return reason(holder, ask[what])
+
+        _require_close(what, at, traced[what][:count], expected, rounding, why)
+
+
+def _asked(
+    setup: Setup, controller: Any, signals: Mapping[str, Any], t: float, q: np.ndarray, v: np.ndarray, state: Any
+) -> Any:
+    """All that a sample gives, signals included."""
+    tau, after, log = controller.update(t, q.copy(), v.copy(), state)
+    log = {**log, "t": t, "q": q, "v": v, "tau": np.asarray(tau)}
+    log["tool_position"] = setup.plant.arm.forward_kinematics(q).translation
+    for name, signal in signals.items():
+        log[name] = signal(log)
+    return tau, after, log
 
 
 RUNS = 4
@@ -195,7 +231,12 @@ def _initial_states(setup: Setup, loop: ClosedLoop, Q: np.ndarray, V: np.ndarray
 
 
 def _require_close(
-    what: str, times: np.ndarray, traced: np.ndarray, wanted: np.ndarray, rounding: Callable[[], np.ndarray]
+    what: str,
+    times: np.ndarray,
+    traced: np.ndarray,
+    wanted: np.ndarray,
+    rounding: Callable[[], np.ndarray],
+    why: Callable[[int], str],
 ) -> None:
     """Each column by its largest entry so far, or by `SHARE` of the largest of all so far, of which it may be a difference.
 
@@ -216,7 +257,7 @@ def _require_close(
         k, i = np.argwhere(~same)[0]
         raise TracingError(
             f"{what}: traced it gives {traced[k, i]:.6g} where on numbers it gives {wanted[k, i]:.6g}, at t = {times[k]:g} s. "
-            "A Python condition, something random or remembered, or a state that is no number does not trace"
+            f"{why(int(k))}"
         )
 
 
@@ -303,8 +344,7 @@ def require_built(after: Sequence[str], first: Sequence[str]) -> None:
 
 def attributes(controller: Any) -> dict[str, Any]:
     """Its plain ones: numbers, arrays, words; not what it computes when it is first asked, of itself alone."""
-    there, cached = getattr(controller, "__dict__", {}), functools.cached_property
-    own = {name: x for name, x in there.items() if not isinstance(getattr(type(controller), name, None), cached)}
+    own = {name: x for name, x in nest.attributes(controller).items() if not nest.is_cached(controller, name)}
     return {name: copy.copy(x) for name, x in own.items() if is_number(x) or isinstance(x, bool | str)}
 
 

@@ -1,7 +1,6 @@
 """A closed loop as one C text, and the native function built from it."""
 
 import ctypes
-from collections.abc import Mapping
 from importlib.resources import files
 
 import numpy as np
@@ -67,7 +66,7 @@ PASSED = {
 """What driver.c passes to each program: input -> name of its size; a null pointer for the others"""
 
 
-def passed(program: str, sizes: Mapping[str, int]) -> list[int]:
+def passed(program: str, sizes: dict[str, int]) -> list[int]:
     """How many numbers of each of `INPUTS` driver.c passes to a program of this name."""
     of = sizes | {"NK": sizes["STAGES"] * sizes["N"]}
     taken = PASSED[program.rstrip("0123456789")]

@@ -1,8 +1,6 @@
 """A closed loop traced: controller, plant, world and integrator become `ClosedLoop`'s programs."""
 
-import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import is_dataclass
 from typing import Any
 
 import casadi as ca
@@ -63,12 +61,7 @@ class _Tracing:
         return {name: x for name, x in self.symbols.items() if name.partition(".")[0] == root}
 
     def stand_in(self, tracer: Tracer, root: str, x: Any) -> Any:
-        if is_dataclass(x):
-            return tracer.inside(x, root, self.below(root))
-        made = copy.copy(x)
-        for key, child in vars(x).items():
-            object.__setattr__(made, key, substituted(child, self.below(root), tracer.stand_in, f"{root}.{key}"))
-        return made
+        return tracer.inside(x, root, self.below(root))
 
     def loop(self, metrics: Mapping[str, Sequence[str]], logged: Sequence[str], initial_state: Any) -> ClosedLoop:
         setup = self.setup
@@ -80,7 +73,8 @@ class _Tracing:
         given = not hasattr(setup.controller, "initial")
         with explained("controller.initial"):
             state_0 = initial_state if given else controller.initial(np.copy(self.q), np.copy(self.v))
-        self.state = Layout(initial_state if given else setup.controller.initial(np.zeros(self.n), np.zeros(self.n)))
+        first = initial_state if given else setup.controller.initial(np.zeros(self.n), np.zeros(self.n))
+        self.state = Layout(first, "the controller's state")
         functions: dict[str, tuple[list[Any], Any, Any]] = {}  # outputs, shared symbols, further input
         state = symbol_array("state", (self.state.size,))
         functions["law"], metric_list, log_list = self.law(controller, plant, tracer, state, metrics, logged)
@@ -170,15 +164,11 @@ class _Tracing:
         }  # fmt: skip
         for name, signal in self.setup.signals.items():
             with explained(f"signals[{name!r}]"):
-                log[name] = signal(log)
+                log[name] = tracer.inside(signal, f"signals.{name}", {})(log)
         for name in (*metrics, *logged):
             if name not in log:
                 raise ValueError(f"metrics, log: expected some of {', '.join(sorted(log))}, got {name!r}")
         flat_after = self.state.flat(after)
-        if len(flat_after) != self.state.size:
-            raise TracingError(
-                f"controller.update: expected a next state of {self.state.size} numbers as the first, got {len(flat_after)}"
-            )
         shapes = self.shapes_logged()
         for name in (*metrics, *logged):
             if len(_entries(log[name])) != int(np.prod(shapes[name])):
