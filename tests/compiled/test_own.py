@@ -12,6 +12,15 @@ import pytest
 
 import k1607_pin as k1607
 from k1607_pin.compiled import rollout as rollout_module
+from k1607_pin.compiled.layout import Layout
+from k1607_pin.compiled.limits import (
+    AT_ONCE,
+    MOST_OPERATIONS,
+    MOST_STATE,
+    require_operations,
+    require_rollouts,
+    require_state,
+)
 from k1607_pin.compiled.native import Native
 from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.simulation.noise import WhiteNoise
@@ -507,3 +516,60 @@ def test_threads_may_make_rollouts_at_once(free, q0):
 
     with ThreadPoolExecutor(6) as pool:
         assert list(pool.map(run, range(36))) == [1] * 36
+
+
+@dataclass(frozen=True)
+class Large(Law):
+    """As many numbers of state, and operations."""
+
+    size: int = 0
+    turns: int = 0
+
+    def start(self, q, v, duration):
+        return np.zeros(self.size)
+
+    def initial(self, q, v):
+        return np.zeros(self.size)
+
+    def update(self, t, q, v, state):
+        x = q
+        for _ in range(self.turns):
+            x = np.cos(x) + 0.1 * q
+        return -v + x, state, {}
+
+
+TOO_LARGE = [
+    (Large(size=4097), "controller: expected at most 4,096 numbers of state, got 4,097"),
+    (Large(turns=4500), r"law: expected at most 60,000 operations, got 6\d,\d\d\d"),
+]
+
+
+@pytest.mark.parametrize(("law", "words"), TOO_LARGE, ids=["state", "operations"])
+def test_what_a_compiler_would_take_minutes_for_is_told(free, q0, tmp_path, law, words):
+    with pytest.raises(TracingError, match=words):
+        k1607.rollouts(free, law, 0.1, metrics={})
+    with pytest.raises(TracingError, match=words.replace("law:", "controller:")):
+        k1607.export(free, tmp_path, {"large": law})
+    k1607.simulate(free, law, q0, 0.01)
+
+
+def test_as_much_as_is_said_is_taken():
+    require_state("it", Layout(np.zeros(MOST_STATE)))
+    require_operations("it", MOST_OPERATIONS)
+    require_rollouts(10, AT_ONCE // 10)
+
+
+def test_more_rollouts_than_memory_are_told_and_what_to_do(free, q0):
+    run = k1607.rollouts(free, Law(), 0.1, log=("q",), metrics={})
+    many = np.broadcast_to(q0, (10**7, 7))
+    with pytest.raises(
+        ValueError, match=r"expected at most [\d,]+ rollouts at once, 4 GiB, got 10,000,000 of 15.1 GiB; sweep"
+    ):
+        run(many)
+
+
+def test_more_steps_than_memory_are_told(free):
+    with pytest.raises(
+        ValueError, match=r"duration, physics_step: expected at most 4 GiB .* got \d+\.\d GiB for 100,000,000 periods"
+    ):
+        k1607.rollouts(free, Law(), 1e6, metrics={})

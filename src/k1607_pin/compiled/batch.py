@@ -17,13 +17,14 @@ from k1607_pin.compiled import emit
 from k1607_pin.compiled.build import compiler, library
 from k1607_pin.compiled.interpreted import WARNING, function_of
 from k1607_pin.compiled.kernel import resource
-from k1607_pin.compiled.lanes import AT_ONCE, processors
+from k1607_pin.compiled.lanes import processors
 from k1607_pin.compiled.leaves import Layout
+from k1607_pin.compiled.limits import require_states
 from k1607_pin.compiled.order import in_order
-from k1607_pin.compiled.program import Program, program
+from k1607_pin.compiled.program import Program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
-from k1607_pin.compiled.tracer import TracingError, column, explained, symbol_array, without_nan
+from k1607_pin.compiled.tracer import TracingError, column, explained, program_of, symbol_array
 
 ANYWHERE = 0.1  # times 1, 2, ...: arguments that a function is tried on for the shapes of what it gives
 AGREE = 1e-9  # of the largest entry: traced and on numbers
@@ -66,7 +67,7 @@ class Batch:
                 flat = self._layout.flat(fun(*symbols))
             columns = [column(Layout(None).flat(x)) for x in symbols]
             f = ca.Function("f", columns, [ca.densify(column(flat))], {"cse": True})
-            self.program = in_order(without_nan("fun", program(f)))
+            self.program = in_order(program_of("fun", f))
         if len(flat) != self._layout.size:
             raise TracingError(f"fun: expected {self._layout.size} numbers as when called on floats, got {len(flat)}")
         self._require_same(fun)
@@ -122,11 +123,8 @@ class Batch:
         lead = self._lead(arrays)
         count = int(np.prod(lead))
         needed = 8 * count * self._layout.size + sum(x.nbytes for x in arrays)
-        if out is None and needed > AT_ONCE:
-            raise ValueError(
-                f"expected at most {AT_ONCE / 2**30:.0f} GiB at once, got {count} states of {needed / 2**30:.1f} GiB with their "
-                "results: call it on parts of them, or with memory of your own, out=f.empty(count)"
-            )
+        if out is None:
+            require_states(count, needed)
         inputs = [
             np.ascontiguousarray(x.reshape(count, int(np.prod(s)))) for x, s in zip(arrays, self.shapes, strict=True)
         ]

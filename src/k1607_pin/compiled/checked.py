@@ -147,9 +147,7 @@ def _compare(
             t, q, v = float(times[k]), Q[k], V[k]
             holder = {"controller": setup.controller, "signals": setup.signals, "external": setup.external}
             ask: dict[str, Callable[[Any], Any]] = {
-                "controller.update": lambda x: _asked(
-                    setup, x["controller"], x["signals"], t, q, v, apart(nests[k])
-                ),
+                "controller.update": lambda x: _asked(setup, x["controller"], x["signals"], t, q, v, apart(nests[k])),
                 "controller.initial": lambda x: x["controller"].initial(q.copy(), v.copy()),
                 "plant, external, step": lambda x: _stepped(replace(setup, external=x["external"]), t, q, v, tau[k]),
             }

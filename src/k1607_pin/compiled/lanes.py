@@ -8,9 +8,6 @@ import numpy as np
 
 from k1607_pin.arguments import as_floats
 
-AT_ONCE = 4 * 2**30
-"""Bytes that one call may take for what goes in and comes out"""
-
 
 def batches(given: Mapping[str, tuple[Any, tuple[int, ...]]]) -> tuple[dict[str, np.ndarray], int]:
     """Each as (1, ...) or (N, ...), and N."""

@@ -24,6 +24,7 @@ from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import Kernel, source
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
 from k1607_pin.compiled.leaves import lasts, numbers, replaced
+from k1607_pin.compiled.limits import require_rollouts, require_steps
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.results import REST, dataset, variables_of
 from k1607_pin.simulation.integrators import semi_implicit_euler
@@ -209,6 +210,8 @@ class Rollouts:
         if made is None:
             warnings.warn(WARNING, RuntimeWarning, stacklevel=2)
         self.engine = Kernel(self.loop, made) if made else Interpreter(self.loop)
+        size = self.samples * (self.loop.law_tables.size + self.substeps * self.loop.physics_tables.size)
+        require_steps(self.samples, self.substeps, size)
         times = np.arange(self.samples + 1) * self.period
         self._law_shared = self.loop.law_tables.shared_values(times)
         steps = (times[:-1, None] + np.arange(self.substeps) * self.setup.physics_step).ravel()
@@ -254,6 +257,7 @@ class Rollouts:
         values, count = batches(given)
         self._check({name: values[name] for name in self.varied})
         W = self.engine.lanes
+        self._require_memory(count)
         blocks = -(-count // W)
         columns = [rows_of(values[name], count) for name in ("q0", "v0", *self.varied)]
         if self.loop.state_is_given:
@@ -271,6 +275,15 @@ class Rollouts:
             by_rollout(log, count), self.every * self.period,
         )  # fmt: skip
         return found.assign_attrs(engine=str(self.engine))
+
+    def _require_memory(self, count: int) -> None:
+        """Refuse more rollouts than memory: of what goes in, and of what comes out twice, as it is put in order."""
+        n, rows = self.loop.n, self.samples // self.every + 1 if self.logged else 0
+        taken = 2 * n + sum(int(np.prod(shape)) for shape in self.loop.parameters.values()) + self.loop.state.size
+        given = (
+            2 * n + len(self.loop.reducers) + REST + rows * sum(int(np.prod(shape)) for _, shape in self.loop.logged)
+        )
+        require_rollouts(count, 8 * (taken + 2 * given))
 
     def plan(self) -> Plan:
         """What all rollouts share."""

@@ -10,11 +10,12 @@ from k1607_pin.arm.payload import velocity_after_gripping_of
 from k1607_pin.arm.wrench import wrench_torque
 from k1607_pin.compiled.closed_loop import INPUTS, REDUCERS, ClosedLoop, Setup, is_of_arm, shape_of
 from k1607_pin.compiled.leaves import Layout, apart, numbers, replaced, substituted
+from k1607_pin.compiled.limits import require_state
 from k1607_pin.compiled.order import in_order
-from k1607_pin.compiled.program import Program, hoisted, program
+from k1607_pin.compiled.program import Program, hoisted
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
-from k1607_pin.compiled.tracer import Tracer, TracingError, column, explained, symbol_array, without_nan
+from k1607_pin.compiled.tracer import Tracer, TracingError, column, explained, program_of, symbol_array
 from k1607_pin.dynamics.rigid_body import inertia_from, rigidly_carried
 from k1607_pin.simulation.names import require_names
 from k1607_pin.simulation.plant import Plant
@@ -71,10 +72,11 @@ class _Tracing:
         payload = self.payload(plant.arm)
 
         given = not hasattr(setup.controller, "initial")
-        with explained("controller.initial"):
-            state_0 = initial_state if given else controller.initial(np.copy(self.q), np.copy(self.v))
         first = initial_state if given else setup.controller.initial(np.zeros(self.n), np.zeros(self.n))
         self.state = Layout(first, "the controller's state")
+        require_state("controller", self.state)
+        with explained("controller.initial"):
+            state_0 = initial_state if given else controller.initial(np.copy(self.q), np.copy(self.v))
         functions: dict[str, tuple[list[Any], Any, Any]] = {}  # outputs, shared symbols, further input
         state = symbol_array("state", (self.state.size,))
         functions["law"], metric_list, log_list = self.law(controller, plant, tracer, state, metrics, logged)
@@ -339,7 +341,7 @@ def _program(name: str, inputs: Mapping[str, Any], outputs: Any) -> Program:
     else:
         out = [ca.densify(_vertical(x)) for x in outputs]
     f = ca.Function(name, symbols, out, {"cse": True})
-    return without_nan(name, program(f))
+    return program_of(name, f)
 
 
 def _renumbered(p: Program, inputs: Sequence[int]) -> Program:

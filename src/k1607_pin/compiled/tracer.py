@@ -14,9 +14,10 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.layout import Layout
 from k1607_pin.compiled.leaves import Seen, opened
+from k1607_pin.compiled.limits import require_operations
 from k1607_pin.compiled.nest import TracingError as TracingError
 from k1607_pin.compiled.nest import is_open, is_traced
-from k1607_pin.compiled.program import Program
+from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.traced_regressor import TracedRegressor
@@ -140,14 +141,16 @@ def _column(x: Any) -> Any:
     return np.reshape(x, (-1, 1)) if np.shape(x)[0] else ca.SX(0, 1)
 
 
-def without_nan(name: str, p: Program) -> Program:
-    """The program, unless a NaN stands in it.
+def program_of(name: str, f: ca.Function) -> Program:
+    """The function's program, unless there are too many operations in it, or a NaN.
 
     Raises
     ------
     TracingError
         It says so.
     """
+    require_operations(name, f.n_instructions())
+    p = program(f)
     if any(node.op == "const" and node.value != node.value for node in p.nodes):
         raise TracingError(
             f"{name}: expected numbers, got a NaN among its constants: np.nan itself, 0 / 0, or the root of a negative number"
