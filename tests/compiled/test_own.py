@@ -22,8 +22,10 @@ from k1607_pin.compiled.limits import (
     require_state,
 )
 from k1607_pin.compiled.native import Native
+from k1607_pin.compiled.samples import Grid
 from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.simulation.noise import WhiteNoise
+from k1607_pin.simulation.plant import Plant
 
 STIFFNESS = 20.0
 
@@ -573,3 +575,46 @@ def test_more_steps_than_memory_are_told(free):
         ValueError, match=r"duration, physics_step: expected at most 4 GiB .* got \d+\.\d GiB for 100,000,000 periods"
     ):
         k1607.rollouts(free, Law(), 1e6, metrics={})
+
+
+class Careful(Law):
+    """Begins below an angle of one only, and counts who asks."""
+
+    asked = 0
+
+    def initial(self, q, v):
+        return None
+
+    def start(self, q, v, duration):
+        type(self).asked += 1
+        if q[0] > 1 or duration > 1:
+            raise ValueError(f"q0: expected to start below 1, within 1 s, got {q[0]}, {duration}")
+        q[:] = 0.0
+        return None
+
+
+def test_what_start_refuses_is_refused_where_all_begin_alike(free, q0):
+    far = q0 + 2.0
+    for begin in (k1607.simulate, k1607.rollout):
+        with pytest.raises(ValueError, match="q0: expected to start below 1"):
+            begin(free, Careful(), far, 0.1)
+        with pytest.raises(ValueError, match="q0: expected to start below 1"):
+            begin(free, Careful(), q0, 1.5)
+    run = k1607.rollouts(free, Careful(), 0.1, metrics={}, varied=("plant.viscous",))
+    with pytest.raises(ValueError, match="q0: expected to start below 1"):
+        k1607.sweep(run, Grid({"plant.viscous": np.zeros((3, 7))}), far)
+    Careful.asked = 0
+    for _ in range(3):
+        found = run(q0, vary={"plant.viscous": np.ones(7)})
+    assert Careful.asked == 1
+    np.testing.assert_allclose(
+        found.q_end[0], k1607.simulate(Plant(free, viscous=np.ones(7)), Careful(), q0, 0.1).q[-1]
+    )
+
+
+def test_of_many_starts_each_is_on_its_own(free, q0):
+    """One of them does not end the others; what becomes of it is seen."""
+    starts = np.stack([q0 + 2.0, q0])
+    run = k1607.rollouts(free, Careful(), 0.1, metrics={})
+    assert run(starts).sizes["rollout"] == 2
+    assert k1607.sweep(run, Grid({"q0": starts}), chunk=1).sizes["q0.number"] == 2
