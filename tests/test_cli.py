@@ -9,15 +9,20 @@ import time
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
 from k1607_pin import cli
+from k1607_pin.compiled.build import BuildError
+from k1607_pin.compiled.tracer import TracingError
+from k1607_pin.compiled.workers import WorkersLostError
 from k1607_pin.report.comparison import TROUBLES, compare
 from k1607_pin.report.comparison_figures import table
 from k1607_pin.report.rows import loaded
+from k1607_pin.simulation.simulate import SimulationError
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = [command.callback.__name__ for command in cli.app.registered_commands]
@@ -33,6 +38,37 @@ def k1607(*arguments: str, **options) -> subprocess.CompletedProcess:
 def test_help_shows_an_example_that_is_a_command(command):
     text = CliRunner().invoke(cli.app, [command, "--help"]).output
     assert f"k1607 {command}" in text.split("Options:")[0]
+
+
+OWN_ERRORS = [
+    TracingError("controller.update: cannot be compiled"),
+    SimulationError(0.5, np.zeros(2), np.ones(2), xr.Dataset(coords={"time": [0.0]})),
+    WorkersLostError("chunk 3 has lost its workers"),
+    BuildError("cc: no such file"),
+]
+
+
+@pytest.mark.parametrize("error", OWN_ERRORS, ids=lambda error: type(error).__name__)
+def test_an_error_of_the_package_is_a_message(error, monkeypatch, capsys):
+    def fails():
+        raise error
+
+    monkeypatch.setattr(cli, "app", fails)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    told = capsys.readouterr()
+    assert not told.out
+    assert " ".join(told.err.split()) == f"k1607: {' '.join(str(error).split())}"
+
+
+def test_a_fault_of_the_package_keeps_its_traceback(monkeypatch):
+    def fails():
+        raise TypeError("unsupported operand")
+
+    monkeypatch.setattr(cli, "app", fails)
+    with pytest.raises(TypeError, match="unsupported operand"):
+        cli.main()
 
 
 def test_committed_urdf_is_up_to_date():

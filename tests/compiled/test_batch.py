@@ -82,14 +82,27 @@ def test_memory_may_be_used_again():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((np.zeros((5, 6)), np.zeros((5, 7))), "argument 0: expected"),
-        ((np.zeros((5, 7)), np.zeros((4, 7))), "argument 1: expected"),
+        ((np.zeros((5, 6)), np.zeros((5, 7))), "q: expected"),
+        ((np.zeros((5, 7)), np.zeros((4, 7))), "v: expected"),
         ((np.zeros((5, 7)),), "expected 2 arguments, got 1"),
+        ((np.zeros((5, 7)), np.full((5, 7), np.nan)), "v: expected finite numbers, got 35 that are not"),
+        ((np.zeros((5, 7)), np.zeros((5, 7)) + 1j), "v: expected real numbers"),
+        ((np.ma.masked_greater(np.ones((5, 7)), 0), np.zeros((5, 7))), "q: expected real numbers, got a masked array"),
+        (
+            (np.broadcast_to(0.0, (10**8, 7)), np.broadcast_to(0.0, (10**8, 7))),
+            r"at most 4 GiB at once, got 100000000 states of",
+        ),
     ],
 )
 def test_bad_input(arguments, said):
     with pytest.raises(ValueError, match=said):
         batch(k1607.load_k1607(), "bias_torque")(*arguments)
+
+
+def test_large_numbers_are_finite():
+    arm, q = k1607.load_k1607(), np.zeros((3, 7))
+    v = np.full((3, 7), 1.5e308)  # whose sum is not
+    assert batch(arm, "jacobian_time_variation")(q, v).shape == (3, 6, 7)
 
 
 def test_unknown_methods_are_refused():

@@ -1,12 +1,21 @@
 """Controllers that trace into something else are refused; those that do not are as they are simulated."""
 
 import copy
+from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 import k1607_pin as k1607
+from k1607_pin.compiled.checked import _require_close
+from k1607_pin.compiled.interpreted import function_of, off
+from k1607_pin.compiled.program import program
 from k1607_pin.compiled.tracer import TracingError
+from k1607_pin.report.cases import study_case
 from k1607_pin.simulation.plant import Plant
 
 COUNT = [0]
@@ -227,6 +236,83 @@ class ClippedItself(Law):
 @pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
 def test_clipping_does_not_make_numbers_of_what_is_none(arm, q0):
     assert k1607.rollout(arm, ClippedItself(), q0, 0.1, metrics={"tau": "max"}).failed_at.values[0] == 0.0
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_states_that_run_away_are_no_false_alarm(number):
+    """The recommended settings at made-up states, up to 100 s late: their gains reach 1e25, and rounding passes 1e-9 of it."""
+    case = study_case(number, "recommended")
+    case.rollouts(["controller.beta_1", "controller.gains.K_p"])
+    fast = replace(case, law=replace(case.law, beta_1=1e6 * case.law.beta_1))
+    fast.rollouts(["controller.beta_1"])
+
+
+class RunsAway(Law):
+    """Its torque reaches 1e200 at the made-up states; before that it is another one on symbols."""
+
+    def __init__(self, on_symbols):
+        self.on_symbols = on_symbols
+
+    def start(self, q, v, duration):
+        return np.array([1e-8])
+
+    def update(self, t, q, v, state):
+        damping = 0.1 if isinstance(q, np.ndarray) else self.on_symbols
+        return -damping * v + state[0], 1e8 * state * (1 + 1e-3 * np.sin(q[0])), {}
+
+
+def test_what_runs_away_later_does_not_hide_what_is_wrong_before(arm, q0):
+    k1607.rollout(arm, RunsAway(0.1), q0, 0.1, metrics={"tau": "max"})
+    with pytest.raises(TracingError, match="on numbers"):
+        k1607.rollout(arm, RunsAway(0.2), q0, 0.1, metrics={"tau": "max"})
+
+
+class Cancels(RunsAway):
+    """Two large numbers, whose difference is the torque: rounded to 1e-4."""
+
+    def update(self, t, q, v, state):
+        damping = 0.1 if isinstance(q, np.ndarray) else self.on_symbols
+        return (1e12 - damping * v * (1 + state[0])) - 1e12, state, {}
+
+
+def test_its_own_rounding_does_not_hide_what_is_wrong(arm, q0):
+    k1607.rollout(arm, Cancels(0.1), q0, 0.1, metrics={"tau": "max"})
+    with pytest.raises(TracingError, match="on numbers"):
+        k1607.rollout(arm, Cancels(0.2), q0, 0.1, metrics={"tau": "max"})
+
+
+def no_rounding():
+    return np.zeros((5, 3))
+
+
+@given(
+    wanted=arrays(float, (5, 3), elements=st.floats(-1e9, 1e9)),
+    exponent=arrays(float, (5, 3), elements=st.floats(-16, 3)),
+)
+@settings(max_examples=100)
+def test_what_is_off_by_more_than_the_largest_entry_allows_is_never_passed(wanted, exponent):
+    """By a billionth of the largest of a column, or a billionth of a millionth of all, and more: refused at any time."""
+    off = 10.0**exponent
+    largest = np.maximum(np.abs(wanted).max(axis=0), max(1e-6 * np.abs(wanted).max(), 1e-3))
+    traced = wanted + off
+    if (np.abs(traced - wanted) > 1e-9 * largest).any():
+        with pytest.raises(TracingError, match="on numbers"):
+            _require_close("it", np.arange(5.0), traced, wanted, no_rounding, str)
+    _require_close("it", np.arange(5.0), wanted, wanted, no_rounding, str)
+
+
+def test_rounding_is_measured_operation_by_operation():
+    """A sum of n numbers rounds by n last places at most, and by some; what is exact does not round."""
+    f = ca.Function("f", [x := ca.SX.sym("x", 50)], [ca.sum1(x), ca.fmax(-x[0], x[1])])
+    p = program(f)
+    x = np.random.default_rng(0).uniform(1, 2, 50)
+    exact, *others = (
+        function_of("f", p, ["x"], factors)[0](x)
+        for factors in (None, *(off(p, np.random.default_rng(seed)) for seed in range(4)))
+    )
+    shift = max(abs(float(other[0]) - float(exact[0])) for other in others)
+    assert 0 < shift <= 50 * np.finfo(float).eps * float(exact[0])
+    assert {float(other[1]) for other in others} == {float(exact[1])}
 
 
 class SmallBesideLarge(Law):

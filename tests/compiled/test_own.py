@@ -12,9 +12,20 @@ import pytest
 
 import k1607_pin as k1607
 from k1607_pin.compiled import rollout as rollout_module
+from k1607_pin.compiled.layout import Layout
+from k1607_pin.compiled.limits import (
+    AT_ONCE,
+    MOST_OPERATIONS,
+    MOST_STATE,
+    require_operations,
+    require_rollouts,
+    require_state,
+)
 from k1607_pin.compiled.native import Native
+from k1607_pin.compiled.samples import Grid
 from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.simulation.noise import WhiteNoise
+from k1607_pin.simulation.plant import Plant
 
 STIFFNESS = 20.0
 
@@ -400,10 +411,13 @@ def test_an_infinite_torque_is_no_limit_where_the_limit_varies(free, q0):
     ("settings", "words"),
     [
         ({"varied": ("plant.viscous", "plant.viscous")}, "each name once, got plant.viscous twice"),
-        ({"signals": {"work": lambda log: log["t"]}, "log": "work"}, "none of a result's, got 'work'"),
+        (
+            {"signals": {"work": lambda log: log["t"]}},
+            "signals: expected names other than those of every run, got work",
+        ),
         (
             {"signals": {"tau_max": lambda log: log["t"]}, "metrics": {"tau": "max"}, "log": ("tau_max",)},
-            "none of a result's, got 'tau_max'",
+            "log: expected none that is called as a metric's result is, got tau_max",
         ),
         ({"varied": ("payloads.0.time",), "payloads": [(0.1, k1607.Payload(1.0))]}, "no period and no time"),
     ],
@@ -504,3 +518,103 @@ def test_threads_may_make_rollouts_at_once(free, q0):
 
     with ThreadPoolExecutor(6) as pool:
         assert list(pool.map(run, range(36))) == [1] * 36
+
+
+@dataclass(frozen=True)
+class Large(Law):
+    """As many numbers of state, and operations."""
+
+    size: int = 0
+    turns: int = 0
+
+    def start(self, q, v, duration):
+        return np.zeros(self.size)
+
+    def initial(self, q, v):
+        return np.zeros(self.size)
+
+    def update(self, t, q, v, state):
+        x = q
+        for _ in range(self.turns):
+            x = np.cos(x) + 0.1 * q
+        return -v + x, state, {}
+
+
+TOO_LARGE = [
+    (Large(size=4097), "controller: expected at most 4,096 numbers of state, got 4,097"),
+    (Large(turns=4500), r"law: expected at most 60,000 operations, got 6\d,\d\d\d"),
+]
+
+
+@pytest.mark.parametrize(("law", "words"), TOO_LARGE, ids=["state", "operations"])
+def test_what_a_compiler_would_take_minutes_for_is_told(free, q0, tmp_path, law, words):
+    with pytest.raises(TracingError, match=words):
+        k1607.rollouts(free, law, 0.1, metrics={})
+    with pytest.raises(TracingError, match=words.replace("law:", "controller:")):
+        k1607.export(free, tmp_path, {"large": law})
+    k1607.simulate(free, law, q0, 0.01)
+
+
+def test_as_much_as_is_said_is_taken():
+    require_state("it", Layout(np.zeros(MOST_STATE)))
+    require_operations("it", MOST_OPERATIONS)
+    require_rollouts(10, AT_ONCE // 10)
+
+
+def test_more_rollouts_than_memory_are_told_and_what_to_do(free, q0):
+    run = k1607.rollouts(free, Law(), 0.1, log=("q",), metrics={})
+    many = np.broadcast_to(q0, (10**7, 7))
+    with pytest.raises(
+        ValueError, match=r"expected at most [\d,]+ rollouts at once, 4 GiB, got 10,000,000 of 15.1 GiB; sweep"
+    ):
+        run(many)
+
+
+def test_more_steps_than_memory_are_told(free):
+    with pytest.raises(
+        ValueError, match=r"duration, physics_step: expected at most 4 GiB .* got \d+\.\d GiB for 100,000,000 periods"
+    ):
+        k1607.rollouts(free, Law(), 1e6, metrics={})
+
+
+class Careful(Law):
+    """Begins below an angle of one only, and counts who asks."""
+
+    asked = 0
+
+    def initial(self, q, v):
+        return None
+
+    def start(self, q, v, duration):
+        type(self).asked += 1
+        if q[0] > 1 or duration > 1:
+            raise ValueError(f"q0: expected to start below 1, within 1 s, got {q[0]}, {duration}")
+        q[:] = 0.0
+        return None
+
+
+def test_what_start_refuses_is_refused_where_all_begin_alike(free, q0):
+    far = q0 + 2.0
+    for begin in (k1607.simulate, k1607.rollout):
+        with pytest.raises(ValueError, match="q0: expected to start below 1"):
+            begin(free, Careful(), far, 0.1)
+        with pytest.raises(ValueError, match="q0: expected to start below 1"):
+            begin(free, Careful(), q0, 1.5)
+    run = k1607.rollouts(free, Careful(), 0.1, metrics={}, varied=("plant.viscous",))
+    with pytest.raises(ValueError, match="q0: expected to start below 1"):
+        k1607.sweep(run, Grid({"plant.viscous": np.zeros((3, 7))}), far)
+    Careful.asked = 0
+    for _ in range(3):
+        found = run(q0, vary={"plant.viscous": np.ones(7)})
+    assert Careful.asked == 1
+    np.testing.assert_allclose(
+        found.q_end[0], k1607.simulate(Plant(free, viscous=np.ones(7)), Careful(), q0, 0.1).q[-1]
+    )
+
+
+def test_of_many_starts_each_is_on_its_own(free, q0):
+    """One of them does not end the others; what becomes of it is seen."""
+    starts = np.stack([q0 + 2.0, q0])
+    run = k1607.rollouts(free, Careful(), 0.1, metrics={})
+    assert run(starts).sizes["rollout"] == 2
+    assert k1607.sweep(run, Grid({"q0": starts}), chunk=1).sizes["q0.number"] == 2

@@ -1,6 +1,10 @@
+import os
+import signal
 import subprocess
 import sys
 import threading
+import traceback
+from contextlib import contextmanager
 
 import casadi as ca
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from k1607_pin.compiled import rollout
 from k1607_pin.compiled.trace import numpy_mode, trace
 
 SHAPES = st.lists(
@@ -22,6 +27,77 @@ def mode_is_left_as_it_was():
     after = ca.GlobalOptions.getNumpyMode()
     ca.GlobalOptions.setNumpyMode(before)
     assert after == before
+
+
+@contextmanager
+def held_by_a_thread(block):
+    """Another thread is within ``block`` as long as this is."""
+    inside, leave = threading.Event(), threading.Event()
+
+    def hold():
+        with block:
+            inside.set()
+            leave.wait()
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    inside.wait()
+    try:
+        yield
+    finally:
+        leave.set()
+        thread.join()
+
+
+def in_a_fork(does):
+    """Whether a forked process does it; one that hangs is ended."""
+    if (child := os.fork()) == 0:
+        signal.alarm(60)
+        try:
+            does()
+            os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+        os._exit(1)
+    return os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+class TestForks:
+    def test_a_fork_does_not_wait_for_a_thread_that_it_has_not_got(self):
+        def traces():
+            assert ca.GlobalOptions.getNumpyMode() == 0
+            assert np.isnan(float(ca.SX.sym("x")))  # as CasADi has it outside
+            assert trace(lambda x: 2 * x, "f", [(2,)])([1, 2]).full().ravel().tolist() == [2.0, 4.0]
+            assert ca.GlobalOptions.getNumpyMode() == 0
+
+        with held_by_a_thread(numpy_mode()):
+            assert in_a_fork(traces)
+        assert ca.GlobalOptions.getNumpyMode() == 0
+
+    def test_nor_for_one_that_makes_a_rollout(self):
+        def turns():
+            with rollout._TAKING_TURNS, rollout._TAKING_TURNS:
+                pass
+
+        with held_by_a_thread(rollout._TAKING_TURNS):
+            assert in_a_fork(turns)
+
+    def test_who_forks_within_goes_on_within(self):
+        def leaves():
+            assert ca.GlobalOptions.getNumpyMode() == 1
+
+        with numpy_mode():
+            assert in_a_fork(leaves)
+
+        with numpy_mode():
+            if (child := os.fork()) == 0:
+                pass
+            else:
+                assert os.waitpid(child, 0)[1] == 0
+        if child == 0:
+            os._exit(ca.GlobalOptions.getNumpyMode())
 
 
 class TestNumpyMode:

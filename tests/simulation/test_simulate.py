@@ -1,6 +1,7 @@
 """`simulate`: the energy account closes, payloads come and go, what runs away is kept, bad input is refused."""
 
 import pickle
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.arm.wrench import Wrench
 from k1607_pin.simulation.account import simpson, trapezoid, work_rule
 from k1607_pin.simulation.integrators import runge_kutta_4, semi_implicit_euler
+from k1607_pin.simulation.names import RESERVED
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.simulate import SimulationError, simulate
 
@@ -286,7 +288,7 @@ def test_contact_is_logged_with_a_world_only_and_is_zero_while_that_does_nothing
     idle = simulate(arm, Hold(arm), posture(arm), 0.02, external=lambda t, q, v: None)
     assert idle.drop_vars(["contact_force", "contact_moment"]).identical(alone)
     assert not idle.contact_force.values.any()
-    with pytest.raises(ValueError, match="simulate's own, got contact_force"):
+    with pytest.raises(ValueError, match="those of every run, got contact_force"):
         simulate(arm, Hold(arm), posture(arm), 0.02, observe=lambda arm, q, v: {"contact_force": np.zeros(3)})
 
 
@@ -321,6 +323,50 @@ def test_an_infinite_torque_is_no_torque_even_with_a_limit():
     assert pickle.loads(pickle.dumps(caught.value)).time == caught.value.time
 
 
+@dataclass(frozen=True)
+class Logs:
+    """Damping that logs numbers under names of its own."""
+
+    names: tuple
+
+    def start(self, q, v, duration):
+        return None
+
+    def initial(self, q, v):
+        return None
+
+    def update(self, t, q, v, state):
+        return -v, state, {name: np.sum(v) for name in self.names}
+
+
+@pytest.mark.parametrize("name", [*sorted(RESERVED), "a/b", "", 3])
+def test_names_that_are_taken_are_refused_by_every_door(name):
+    """One rule for the logs of controllers, observers and signals, in simulate, rollout and Native."""
+    arm = k1607.load_k1607()
+    for run in (
+        lambda law: simulate(arm, law, posture(arm), 0.02),
+        lambda law: k1607.rollouts(arm, law, 0.02, metrics={"q": "max"}),
+    ):
+        run(Logs(("own",)))
+        with pytest.raises(ValueError, match=r"^log: expected names"):
+            run(Logs((name,)))
+    with pytest.raises(ValueError, match=r"^log: expected names"):
+        simulate(arm, Logs(()), posture(arm), 0.02, observe=lambda arm, q, v: {name: 0.0})
+    with pytest.raises(ValueError, match=r"^signals: expected names"):
+        k1607.rollouts(arm, Logs(()), 0.02, signals={name: lambda log: log["t"]})
+
+
+def test_two_that_call_theirs_alike_are_refused():
+    arm = k1607.load_k1607()
+    with pytest.raises(ValueError, match="observe: expected other names than the controller's, got own"):
+        simulate(arm, Logs(("own",)), posture(arm), 0.02, observe=lambda arm, q, v: {"own": 0.0})
+    with pytest.raises(ValueError, match="signals: expected names other than the controller's, got own"):
+        k1607.rollouts(arm, Logs(("own",)), 0.02, signals={"own": lambda log: log["t"]})
+    both = {"metrics": {"own": "max"}, "log": ("own_max",)}
+    with pytest.raises(ValueError, match="log: expected none that is called as a metric's result is, got own_max"):
+        k1607.rollouts(arm, Logs(("own", "own_max")), 0.02, **both)
+
+
 def test_logs_that_hide_or_change_are_refused():
     arm = k1607.load_k1607()
 
@@ -332,7 +378,7 @@ def test_logs_that_hide_or_change_are_refused():
         def update(self, t, q, v, state):
             return super().update(t, q, v, state)[0], state, {"a": 1.0} if t < 0.05 else {"b": 1.0}
 
-    with pytest.raises(ValueError, match="simulate's own, got energy"):
+    with pytest.raises(ValueError, match="those of every run, got energy"):
         simulate(arm, Hiding(arm), posture(arm), 0.1)
     with pytest.raises(ValueError, match="a change of a, b"):
         simulate(arm, Changing(arm), posture(arm), 0.1)

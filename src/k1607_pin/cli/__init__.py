@@ -3,7 +3,7 @@
 from rich.console import Console
 
 from k1607_pin.cli import compiled, laws, report, view
-from k1607_pin.cli.app import app
+from k1607_pin.cli.app import app, is_own
 
 __all__ = ["app", "main"]
 
@@ -15,7 +15,7 @@ for command in (
 
 
 def main() -> None:
-    """Entry point: bad input is one line on standard error, not a traceback."""
+    """Entry point: what the package itself refuses is a message on standard error, not a traceback."""
     try:
         app()
     except ModuleNotFoundError as error:
@@ -25,6 +25,8 @@ def main() -> None:
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
-    except (ValueError, OSError) as error:
+    except Exception as error:
+        if not isinstance(error, ValueError | OSError) and not is_own(error):
+            raise  # a fault of this package: its traceback is what a report of it needs
         Console(stderr=True).print(f"k1607: {error}", style="red", markup=False, highlight=False)
         raise SystemExit(2) from None

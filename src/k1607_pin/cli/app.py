@@ -72,3 +72,9 @@ def _locked(text: str) -> str | tuple[str, float]:
 def finite(x: object) -> object:
     """None for what JSON has no word for."""
     return None if isinstance(x, float) and not np.isfinite(x) else x
+
+
+def is_own(error: Exception) -> bool:
+    """Whether this package defines the error's class, so that its words are all that a user needs: `TracingError`, say."""
+    package = __name__.partition(".")[0]
+    return any(kind.__module__.partition(".")[0] == package for kind in type(error).__mro__)

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from k1607_pin.arguments import as_floats
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled import emit
 from k1607_pin.compiled.build import compiler, library
@@ -18,11 +19,12 @@ from k1607_pin.compiled.interpreted import WARNING, function_of
 from k1607_pin.compiled.kernel import resource
 from k1607_pin.compiled.lanes import processors
 from k1607_pin.compiled.leaves import Layout
+from k1607_pin.compiled.limits import require_states
 from k1607_pin.compiled.order import in_order
-from k1607_pin.compiled.program import Program, program
+from k1607_pin.compiled.program import Program
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
-from k1607_pin.compiled.tracer import TracingError, column, explained, symbol_array, without_nan
+from k1607_pin.compiled.tracer import TracingError, column, explained, program_of, symbol_array
 
 ANYWHERE = 0.1  # times 1, 2, ...: arguments that a function is tried on for the shapes of what it gives
 AGREE = 1e-9  # of the largest entry: traced and on numbers
@@ -42,8 +44,16 @@ class Batch:
         The function does not trace; the operation is named.
     """
 
-    def __init__(self, fun: Callable[..., Any], shapes: Sequence[tuple[int, ...]]) -> None:
+    def __init__(
+        self,
+        fun: Callable[..., Any],
+        shapes: Sequence[tuple[int, ...]],
+        names: Sequence[str] = (),
+        finite: bool = False,
+    ) -> None:
+        """``names`` of the arguments, for messages; ``finite``: refuse what is not, else NaN is passed on as NumPy does."""
         self.shapes = [tuple(shape) for shape in shapes]
+        self.names, self.finite = names or [f"argument {k}" for k in range(len(self.shapes))], finite
         if not self.shapes:
             raise ValueError("shapes: expected at least one argument's, got none")
         sizes = [int(np.prod(shape)) for shape in self.shapes]
@@ -57,7 +67,7 @@ class Batch:
                 flat = self._layout.flat(fun(*symbols))
             columns = [column(Layout(None).flat(x)) for x in symbols]
             f = ca.Function("f", columns, [ca.densify(column(flat))], {"cse": True})
-            self.program = in_order(without_nan("fun", program(f)))
+            self.program = in_order(program_of("fun", f))
         if len(flat) != self._layout.size:
             raise TracingError(f"fun: expected {self._layout.size} numbers as when called on floats, got {len(flat)}")
         self._require_same(fun)
@@ -99,14 +109,22 @@ class Batch:
             raise ValueError(f"expected {len(self.shapes)} arguments, got {len(arguments)}")
         if threads is not None and (not isinstance(threads, Integral) or threads < 1):
             raise ValueError(f"threads: expected a whole number from 1 on, got {threads!r}")
-        arrays = [np.asarray(x, dtype=float) for x in arguments]
-        for k, (x, shape) in enumerate(zip(arrays, self.shapes, strict=True)):
+        arrays = [as_floats(name, x) for name, x in zip(self.names, arguments, strict=True)]
+        for name, x, shape in zip(self.names, arrays, self.shapes, strict=True):
             if x.shape[x.ndim - len(shape) :] != shape or x.shape[: x.ndim - len(shape)] != self._lead(arrays):
                 raise ValueError(
-                    f"argument {k}: expected (..., {', '.join(map(str, shape))}), alike for all, got shape {x.shape}"
+                    f"{name}: expected (..., {', '.join(map(str, shape))}), alike for all, got shape {x.shape}"
                 )
+            # a sum tells at a third of the cost, short of an overflow
+            with np.errstate(over="ignore"):
+                good = not self.finite or np.isfinite(x.sum()) or np.isfinite(x).all()
+            if not good:
+                raise ValueError(f"{name}: expected finite numbers, got {int((~np.isfinite(x)).sum())} that are not")
         lead = self._lead(arrays)
         count = int(np.prod(lead))
+        needed = 8 * count * self._layout.size + sum(x.nbytes for x in arrays)
+        if out is None:
+            require_states(count, needed)
         inputs = [
             np.ascontiguousarray(x.reshape(count, int(np.prod(s)))) for x, s in zip(arrays, self.shapes, strict=True)
         ]
@@ -172,7 +190,7 @@ class Batch:
 def batch(arm: Arm, method: str) -> Batch:
     """A method of `Arm` on batches of states: "operational_space", "forward_dynamics", "jacobian", "mass_matrix", ...
 
-    Singular postures are not looked for. Arguments are the method's, (..., n) each.
+    Singular postures are not looked for. Arguments are the method's, (..., n) each, finite.
 
     Raises
     ------
@@ -187,7 +205,8 @@ def batch(arm: Arm, method: str) -> Batch:
     if method == "operational_space" and arm.n < 6:
         raise ValueError(f"method: expected six joints or more for operational_space, {arm.name!r} has {arm.n}")
     traced = TracedArm(arm)
-    return Batch(getattr(traced, method), [(arm.n,)] * arguments)
+    names = ("q", "v", "tau" if method == "forward_dynamics" else "a")[:arguments]
+    return Batch(getattr(traced, method), [(arm.n,)] * arguments, names, finite=True)
 
 
 METHODS = {
@@ -206,7 +225,7 @@ def _source(p: Program, sizes: Sequence[int], out: int, lanes: int) -> str:
     )
     return f"""#define W {lanes}
 {resource("lanes.h")}
-{emit.function("f", p, len(sizes))}
+{emit.function("f", p, sizes)}
 void run(int64_t blocks, const double *const *in, double *out)
 {{
   for (int64_t b = 0; b < blocks; b++) {{

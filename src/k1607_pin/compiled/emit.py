@@ -1,8 +1,8 @@
 """Programs as C: on plain doubles, or on vectors of them, one closed loop a lane."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
-from k1607_pin.compiled.program import Program
+from k1607_pin.compiled.program import Program, require_inputs
 
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
@@ -12,14 +12,22 @@ LIBM = {
 }  # fmt: skip
 
 
-def function(name: str, program: Program, inputs: int, shared: Collection[int] = (), kind: str = "V") -> str:
+def function(name: str, program: Program, sizes: Sequence[int], shared: Collection[int] = (), kind: str = "V") -> str:
     """A static C function ``name(i0, i1, ..., o0, o1, ...)`` of pointers, none of which may overlap.
 
     Parameters
     ----------
-    inputs : how many it takes, used or not; shared : those that are doubles, the same for all lanes.
+    sizes : how many numbers its caller passes of each input, used or not; 0 for a null pointer.
+    shared : inputs that are doubles, the same for all lanes.
     kind : C type of a value, for which the functions v_sin etc. are defined: "V", vectors, or "double".
+
+    Raises
+    ------
+    ValueError
+        The program reads more than that.
     """
+    require_inputs(name, program, sizes)
+    inputs = len(sizes)
     arguments = [f"const {'double' if k in shared else kind} *restrict i{k}" for k in range(inputs)]
     arguments += [f"{kind} *restrict o{k}" for k in range(len(program.outputs))]
     lines = [f"static void {name}({', '.join(arguments)})", "{"]

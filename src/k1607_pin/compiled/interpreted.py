@@ -6,8 +6,9 @@ import casadi as ca
 import numpy as np
 
 from k1607_pin.compiled.closed_loop import INPUTS, ClosedLoop, start_of
+from k1607_pin.compiled.emit import COMPARISONS
 from k1607_pin.compiled.plan import Plan
-from k1607_pin.compiled.program import Program
+from k1607_pin.compiled.program import TRIVIAL, Program
 from k1607_pin.simulation.noise import standard_normal
 
 WARNING = "no C compiler was found: rollouts run in CasADi's interpreter, some hundred times slower; see `k1607 doctor`"
@@ -18,10 +19,12 @@ class Interpreter:
 
     lanes = 1
 
-    def __init__(self, loop: ClosedLoop) -> None:
+    def __init__(self, loop: ClosedLoop, rounded_anew: np.random.Generator | None = None) -> None:
+        """``rounded_anew``: every operation that rounds gives its result a last place up or down, as this says."""
         self._loop = loop
         self.programs = loop.programs
-        self._functions = {name: function_of(name, p, INPUTS) for name, p in loop.programs.items()}
+        anew = {name: None if rounded_anew is None else off(p, rounded_anew) for name, p in loop.programs.items()}
+        self._functions = {name: function_of(name, p, INPUTS, anew[name]) for name, p in loop.programs.items()}
 
     def __str__(self) -> str:
         return "CasADi's interpreter"
@@ -112,8 +115,26 @@ class Interpreter:
         return [x.full() for x in (found if isinstance(found, tuple | list) else (found,))]
 
 
-def function_of(name: str, p: Program, inputs: Sequence[str]) -> tuple[ca.Function, set[str]]:
-    """The program as a CasADi function again, and which of the inputs it takes."""
+EXACT = {
+    *TRIVIAL, *COMPARISONS, "neg", "twice", "not", "and", "or", "if_else_zero", "floor", "ceil", "fabs", "sign", "fmin", "fmax",
+    "copysign", "assign",
+}  # fmt: skip
+"""Operations that do not round"""
+
+
+def off(p: Program, rng: np.random.Generator) -> list[float]:
+    """Of each node, the factor by which its result is another last place: 1 where the operation is exact."""
+    signs = rng.choice((-1.0, 1.0), len(p.nodes))
+    return [1.0 if node.op in EXACT else 1.0 + x * EPSILON for node, x in zip(p.nodes, signs, strict=True)]
+
+
+EPSILON = float(np.finfo(float).eps)
+
+
+def function_of(
+    name: str, p: Program, inputs: Sequence[str], factors: Sequence[float] | None = None
+) -> tuple[ca.Function, set[str]]:
+    """The program as a CasADi function again, and which of the inputs it takes; ``factors`` for the results of its nodes."""
     taken: dict[int, int] = {}  # input -> how many of its elements, up to the last that is used
     for node in p.nodes:
         if node.op == "input":
@@ -129,6 +150,8 @@ def function_of(name: str, p: Program, inputs: Sequence[str]) -> tuple[ca.Functi
             code, a = getattr(ca, f"OP_{node.op.upper()}"), [values[i] for i in node.args]
             value = ca.SX.unary(code, *a) if len(a) == 1 else ca.SX.binary(code, *a)
             values.append(_with_nan(value, *a) if node.op in ("fmin", "fmax") else value)
+        if factors is not None and factors[len(values) - 1] != 1:
+            values[-1] = values[-1] * factors[len(values) - 1]
     outputs = [ca.vertcat(*(ca.densify(values[i]) for i in output)) if output else ca.SX(0, 1) for output in p.outputs]
     return ca.Function(name, symbols, outputs), {inputs[k] for k in taken}
 

@@ -175,7 +175,7 @@ def _read(found: dict[str, Any], setup: Setup, initial_state: Any) -> ClosedLoop
         law_tables=_tables(found["law_tables"], setup),
         physics_tables=_tables(found["physics_tables"], setup),
         parameters={name: tuple(shape) for name, shape in found["parameters"].items()},
-        state=Layout(state),
+        state=Layout(state, "the controller's state"),
         state_is_given=found["state_is_given"],
         metrics=tuple((name, reducer, tuple(shape)) for name, reducer, shape in found["metrics"]),
         logged=tuple((name, tuple(shape)) for name, shape in found["logged"]),
@@ -226,7 +226,7 @@ def _tables(found: dict[str, Any], setup: Setup) -> Tables:
     tables = []
     for name, at, first in found["tables"]:
         fun = _named(setup, name)
-        tables.append(Table(name, fun, at and ca.Function.deserialize(at), Layout(fun(0.0)), first))
+        tables.append(Table(name, fun, at and ca.Function.deserialize(at), Layout(fun(0.0), name), first))
     return Tables(tuple(tables), tuple((seed, _named(setup, seed.rpartition(".")[0])) for seed in found["noise"]))
 
 

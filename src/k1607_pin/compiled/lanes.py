@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats
+
 
 def batches(given: Mapping[str, tuple[Any, tuple[int, ...]]]) -> tuple[dict[str, np.ndarray], int]:
     """Each as (1, ...) or (N, ...), and N."""
     values: dict[str, np.ndarray] = {}
     for name, (x, shape) in given.items():
-        try:
-            x = np.array(x, dtype=float)
-        except (TypeError, ValueError):
-            raise ValueError(f"{name}: expected numbers, got {x!r}") from None
+        x = as_floats(name, x)
         if x.shape == shape:
             x = x[None]
         if x.ndim != len(shape) + 1 or x.shape[1:] != shape or not len(x):

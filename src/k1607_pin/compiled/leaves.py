@@ -4,27 +4,23 @@ import copy
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
-from itertools import pairwise
-from types import FunctionType
+from functools import partial
+from types import CellType, FunctionType, MethodType
 from typing import Any
 
 import numpy as np
+from pinocchio import SE3
 
 from k1607_pin.arm.arm import Arm
+from k1607_pin.compiled.layout import Layout, named_numbers, paths
+from k1607_pin.compiled.nest import attributes, functions_within, is_named_tuple, is_number, is_open, parts, remade
+
+__all__ = [
+    "Layout", "apart", "children", "is_named_tuple", "is_number", "is_ours", "lasts", "named_numbers", "numbers", "opened",
+    "paths", "replaced", "substituted",
+]  # fmt: skip
 
 logger = logging.getLogger(__name__)
-
-
-def is_named_tuple(x: Any) -> bool:
-    """Whether x is an instance of a NamedTuple."""
-    return isinstance(x, tuple) and hasattr(x, "_fields")
-
-
-def is_number(x: Any) -> bool:
-    """Whether x is a float, an int (bool apart) or an array of them."""
-    if isinstance(x, np.ndarray):
-        return x.dtype.kind in "fiu"
-    return isinstance(x, int | float | np.number) and not isinstance(x, bool)
 
 
 def children(x: Any) -> Iterator[tuple[str, Any]]:
@@ -93,9 +89,11 @@ def replaced(x: Any, values: Mapping[str, Any]) -> Any:
 
 
 StandIn = Callable[[Any, str, Mapping[str, Any]], Any]
+Seen = dict[int, tuple[Any, Any]]
+"""Objects by their id, and what stands for them: so that what is one object remains one, and what holds itself has an end"""
 
 
-def substituted(x: Any, symbols: Mapping[str, Any], stand_in: StandIn, path: str = "") -> Any:
+def substituted(x: Any, symbols: Mapping[str, Any], stand_in: StandIn, path: str = "", seen: Seen | None = None) -> Any:
     """A copy of x with symbols for some of its numbers, made without asking x: what it checks, symbols would not pass.
 
     Parameters
@@ -106,120 +104,60 @@ def substituted(x: Any, symbols: Mapping[str, Any], stand_in: StandIn, path: str
     if path in symbols:
         return symbols[path]
     below = {name: s for name, s in symbols.items() if name.startswith(f"{path}." if path else "")}
+    seen = {} if seen is None else seen
+    if not below and id(x) in seen:
+        return seen[id(x)][1]
     if (other := stand_in(x, path, below)) is not None:
+        if not below:
+            seen[id(x)] = x, other
         return other
+    return opened(x, below, stand_in, path, seen)
+
+
+def opened(x: Any, symbols: Mapping[str, Any], stand_in: StandIn, path: str, seen: Seen) -> Any:
+    """`substituted` for what x is made of, and of functions for what they hold; x itself where there is nothing inside."""
 
     def go(name: str, child: Any) -> Any:
-        return substituted(child, symbols, stand_in, f"{path}.{name}" if path else name)
+        return substituted(child, symbols, stand_in, f"{path}.{name}" if path else name, seen)
 
-    if is_named_tuple(x):
-        return type(x)(*(go(name, child) for name, child in children(x)))
-    if isinstance(x, tuple | list):
-        return type(x)(go(name, child) for name, child in children(x))
-    if isinstance(x, Mapping):
-        return {name: go(name, child) for name, child in children(x)}
-    if is_dataclass(x) and not isinstance(x, type):
-        made = copy.copy(x)
-        for name, child in vars(x).items():
+    if isinstance(x, FunctionType | MethodType | partial):
+        return _function_opened(x, go)
+    if is_open(x):
+        try:
+            made = copy.copy(x)
+        except Exception as error:  # one of a kind: a connection, say
+            logger.debug("copy of %r: %r", type(x), error)
+            return x
+        if made is x:
+            return x
+        if not symbols:
+            seen[id(x)] = x, made
+        for name, child in attributes(x).items():
             object.__setattr__(made, name, go(name, child))
         return made
-    return x
+    here = None if isinstance(x, SE3) else parts(x)
+    return x if here is None else remade(x, [go(name, child) for name, child in here])
 
 
-class Layout:
-    """How a nest of numbers lies in one vector: of a controller's state, of a path's point."""
-
-    def __init__(self, sample: Any) -> None:
-        self._sample = sample
-        self.size = len(self.flat(sample))
-        shapes: list[tuple[int, ...]] = []
-        self.mapped(lambda x: shapes.append(np.shape(x)))
-        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)]).tolist()
-        self._leaves = [(slice(a, b), shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)]
-
-    def flat(self, x: Any) -> list[Any]:
-        """All numbers of x, in order; those of arrays row by row, those of mappings in the sample's order."""
-        out: list[Any] = []
-        _flatten(x, out, self._sample)
-        return out
-
-    def fill(self, x: Any, vector: np.ndarray) -> None:
-        """Put all numbers of x, floats and arrays, into ``vector`` (size or more,)."""
-        taken = 0
-
-        def put(x: Any, like: Any) -> None:
-            nonlocal taken
-            if isinstance(x, np.ndarray):
-                vector[taken : taken + x.size] = x.ravel()
-                taken += x.size
-            elif is_number(x):
-                vector[taken] = x
-                taken += 1
-            elif isinstance(x, Mapping):
-                for key in _keys(x, like):
-                    put(x[key], like[key] if isinstance(like, Mapping) and key in like else None)
-            elif isinstance(x, tuple | list):
-                for item, other in zip(x, _items(like, len(x)), strict=True):
-                    put(item, other)
-            elif is_dataclass(x) and not isinstance(x, type):
-                for key, item in vars(x).items():
-                    put(item, getattr(like, key, None))
-
-        put(x, self._sample)
-
-    def rebuilt(self, vector: Any) -> Any:
-        """The nest of the entries of ``vector`` (size,)."""
-        leaves = iter(self._leaves)
-
-        def number(_: Any) -> Any:
-            where, shape = next(leaves)
-            return np.reshape(vector[where], shape) if shape else vector[where.start]
-
-        return self.mapped(number)
-
-    def mapped(self, number: Callable[[Any], Any]) -> Any:
-        """The nest with something else for each number or array of numbers, asked for in order."""
-
-        def rebuild(x: Any) -> Any:
-            if is_number(x):
-                return number(x)
-            if is_named_tuple(x):
-                return type(x)(*(rebuild(item) for item in x))
-            if isinstance(x, tuple | list):
-                return type(x)(rebuild(item) for item in x)
-            if isinstance(x, Mapping):
-                return {name: rebuild(item) for name, item in x.items()}
-            if is_dataclass(x) and not isinstance(x, type):
-                made = copy.copy(x)
-                for name, item in vars(x).items():
-                    object.__setattr__(made, name, rebuild(item))
-                return made
-            return x
-
-        return rebuild(self._sample)
-
-
-def named_numbers(x: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and the numbers and arrays themselves of a nest, in the order of `Layout`."""
-    if is_number(x):
-        yield path, x
-        return
-    items: Any = ()
-    if is_named_tuple(x):
-        items = zip(x._fields, x, strict=True)
-    elif isinstance(x, tuple | list):
-        items = enumerate(x)
-    elif isinstance(x, Mapping):
-        items = x.items()
-    elif is_dataclass(x) and not isinstance(x, type):
-        items = vars(x).items()
-    for name, item in items:
-        yield from named_numbers(item, f"{path}.{name}" if path else str(name))
-
-
-def paths(x: Any) -> list[str]:
-    """Dotted names of all numbers of a nest, with their shapes where they are arrays."""
-    return [f"{name or 'it'}{list(np.shape(number)) or ''}" for name, number in named_numbers(x)]
+def _function_opened(x: Any, go: Callable[[str, Any], Any]) -> Any:
+    """A function that holds others, by its closure or as defaults; itself where nothing in it is another."""
+    if isinstance(x, MethodType):
+        owner = go("owner", x.__self__)
+        return x if owner is x.__self__ else MethodType(x.__func__, owner)
+    if isinstance(x, partial):
+        args, keywords = go("args", x.args), go("keywords", x.keywords)
+        fun = _function_opened(x.func, go) if isinstance(x.func, FunctionType | MethodType | partial) else x.func
+        return partial(fun, *args, **keywords)
+    held = dict(functions_within(x))
+    new = {name: child if child is x else go(name, child) for name, child in held.items()}  # it may call itself
+    if all(new[name] is child for name, child in held.items()):
+        return x
+    names = zip(x.__code__.co_freevars, x.__closure__ or (), strict=True)
+    cells = tuple(CellType(new[name]) if name in new else cell for name, cell in names)
+    made = FunctionType(x.__code__, x.__globals__, x.__name__, new["defaults"], cells)
+    made.__kwdefaults__ = new["keywords"]
+    made.__dict__.update(x.__dict__)
+    return made
 
 
 def apart(x: Any) -> Any:
@@ -229,33 +167,3 @@ def apart(x: Any) -> Any:
     except Exception as error:  # a lock, a connection: it is asked itself then
         logger.debug("copy of %r: %r", type(x), error)
         return x
-
-
-def _flatten(x: Any, out: list[Any], like: Any = None) -> None:
-    if is_number(x) or hasattr(x, "_v"):  # a traced array too
-        out.extend(_entries(x))
-    elif isinstance(x, Mapping):
-        for key in _keys(x, like):
-            _flatten(x[key], out, like[key] if isinstance(like, Mapping) and key in like else None)
-    elif isinstance(x, tuple | list):
-        for item, other in zip(x, _items(like, len(x)), strict=True):
-            _flatten(item, out, other)
-    elif is_dataclass(x) and not isinstance(x, type):
-        for key, item in vars(x).items():
-            _flatten(item, out, getattr(like, key, None))
-    elif isinstance(x, Arm):
-        raise TypeError("expected numbers, got an Arm")
-
-
-def _keys(x: Mapping[Any, Any], like: Any) -> Any:
-    """Of x, in the order that ``like`` has them in: an update may give a state in another."""
-    return like if isinstance(like, Mapping) and like.keys() == x.keys() else x
-
-
-def _items(like: Any, count: int) -> Any:
-    return like if isinstance(like, tuple | list) and len(like) == count else (None,) * count
-
-
-def _entries(x: Any) -> list[Any]:
-    flat = np.reshape(x, (-1,)) if np.ndim(x) else [x]
-    return [flat[k] for k in range(len(flat))]

@@ -15,13 +15,14 @@ from k1607_pin.compiled.build import compiler, library
 from k1607_pin.compiled.closed_loop import INPUTS, Setup
 from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import SHARED, resource
-from k1607_pin.compiled.leaves import Layout
+from k1607_pin.compiled.leaves import Layout, is_ours
 from k1607_pin.compiled.order import in_order
 from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.results import variables_of
 from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.tracer import column, symbol_array
+from k1607_pin.control.finite import entering, leaving
 from k1607_pin.simulation.integrators import semi_implicit_euler
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import PayloadSchedule
@@ -56,15 +57,20 @@ class Native:
         logged = [name for name in variables_of(controller) if name in self.variables]
         state = None if hasattr(controller, "initial") else controller.start(np.zeros(n), np.zeros(n), 1.0)
         loop = kept(setup, (), {}, logged, state)
-        self._n, self._state, self._tables = n, loop.state, loop.law_tables
+        self._n, self._state = n, loop.state
+        self._strict = is_ours(type(controller))  # a law of one's own may keep what is not finite in its state
         sizes = [int(np.prod(shape)) for _, shape in loop.logged]
         ends = np.cumsum([0, *sizes]).tolist()
         self._rows = [(*logged, a, b) for logged, (a, b) in zip(loop.logged, pairwise(ends), strict=True)]
         native, self._asked = _functions_of_time(loop.law_tables)
-        functions = [emit.function("law", loop.programs["law"], len(INPUTS), (SHARED,))]
-        functions += [emit.function(f"table{first}", p, 1) for first, p in native]
+        constants = len(loop.programs["hoist"].outputs[0])
+        passed = {"shared": loop.law_tables.size, "q": n, "v": n, "state": loop.state.size, "hoisted": constants}
+        sizes = [passed.get(name, 0) for name in INPUTS]
+        functions = [emit.function("hoist", loop.programs["hoist"], [0] * len(INPUTS), (SHARED,))]
+        functions += [emit.function("law", loop.programs["law"], sizes, (SHARED,))]
+        functions += [emit.function(f"table{first}", p, (1,)) for first, p in native]
         calls = "\n".join(f"  table{first}(shared, shared + {1 + first});" for first, _ in native)
-        text = "\n".join(["#define W 1", resource("lanes.h"), *functions, _ENTRY % calls])
+        text = "\n".join(["#define W 1", resource("lanes.h"), *functions, _ENTRY % (constants + 1, calls)])
         self._run = library(text, replace(made, lanes=1)).tick
         self._run.restype = None
         self._shared = np.zeros(loop.law_tables.size)
@@ -78,13 +84,24 @@ class Native:
         return self.controller.start(q, v, duration)
 
     def update(self, t: float, q: np.ndarray, v: np.ndarray, state: Any) -> tuple[np.ndarray, Any, Mapping[str, Any]]:
-        """What the controller's own gives, to rounding."""
+        """What the controller's own gives, to rounding.
+
+        Raises
+        ------
+        NotFiniteError
+            t, q, v or, of this package's laws, the state is not finite, or what comes of them is not.
+        ValueError
+            q or v of another shape than (n,), a state that is built otherwise than the controller's.
+        """
+        q, v = entering(self._n, t, q, v, state if self._strict else None)
         self._shared[0] = t
         for fun, layout, where in self._asked:
             layout.fill(fun(t), self._shared[where])
         self._q[:], self._v[:] = q, v
         self._state.fill(state, self._in)
         self._run(*self._arguments)
+        if not np.isfinite(self._tau).all() or (self._strict and not np.isfinite(self._out[:-1]).all()):
+            leaving(self._tau.copy(), self._state.rebuilt(self._out.copy()) if self._strict else None)
         row = self._log.copy()
         log = {name: row[a:b].reshape(shape) if shape else row[a] for name, shape, a, b in self._rows}
         return self._tau.copy(), self._state.rebuilt(self._out.copy()), log
@@ -128,8 +145,9 @@ TIMES = np.concatenate([np.linspace(0.0, 100.0, 1009), np.geomspace(1e-6, 1e4, 2
 _ENTRY = """
 void tick(double *shared, const V *q, const V *v, const V *state, V *tau, V *after, V *row)
 {
-  V none[1];
+  V none[1], constants[%d];
 %s
-  law(shared, q, v, 0, state, 0, 0, 0, 0, 0, tau, after, none, row);
+  hoist(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, constants);
+  law(shared, q, v, 0, state, 0, 0, 0, constants, 0, tau, after, none, row);
 }
 """

@@ -90,6 +90,20 @@ def simplified(p: Program) -> Program:
     return needed(new, [[renamed[i] for i in output] for output in p.outputs])
 
 
+def require_inputs(name: str, p: Program, sizes: Sequence[int]) -> None:
+    """That a program reads no more than its caller passes: ``sizes`` numbers of each input.
+
+    Raises
+    ------
+    ValueError
+        It says which input, and which of its numbers; in C that would be memory of something else.
+    """
+    for k, i in sorted({node.place for node in p.nodes if node.op == "input"}):
+        if not (0 <= k < len(sizes) and 0 <= i < sizes[k]):
+            there = f"{sizes[k]} are given" if 0 <= k < len(sizes) else f"there are {len(sizes)} inputs"
+            raise ValueError(f"{name}: reads number {i} of input {k}, of which {there}")
+
+
 def needed(nodes: Sequence[Node], outputs: Iterable[Sequence[int]]) -> Program:
     """The program of what the outputs need, in the same order."""
     outputs = [list(output) for output in outputs]

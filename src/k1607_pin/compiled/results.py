@@ -8,12 +8,10 @@ import xarray as xr
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.closed_loop import ClosedLoop
-from k1607_pin.simulation.simulate import DIRECTIONS, VARIABLES, Variables
+from k1607_pin.simulation.names import DIRECTIONS, VARIABLES, Variables
 
 OWN: Variables = {"t": ((), "s"), **{name: VARIABLES[name] for name in ("q", "v", "tau", "tool_position")}}
 """What can be logged and reduced besides what the controller logs."""
-RESULTS = {"q_end", "v_end", "work", "failed_at", "rollout", "time"}
-"""Names of what is always there"""
 REST = 3
 """Numbers after the metrics: samples counted, work, time of failure."""
 

@@ -3,7 +3,6 @@
 import hashlib
 import logging
 import re
-import threading
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
@@ -16,17 +15,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from k1607_pin.arguments import as_floats
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import compiler
-from k1607_pin.compiled.closed_loop import ClosedLoop, Setup, Signals, is_of_arm
+from k1607_pin.compiled.closed_loop import ClosedLoop, Setup, Signals
 from k1607_pin.compiled.interpreted import WARNING, Interpreter
 from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import Kernel, source
+from k1607_pin.compiled.lane_values import given_states, require_values
 from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, rows_of
-from k1607_pin.compiled.leaves import lasts, numbers, replaced
+from k1607_pin.compiled.leaves import lasts, numbers
+from k1607_pin.compiled.limits import require_rollouts, require_steps
 from k1607_pin.compiled.plan import Plan
-from k1607_pin.compiled.results import REST, RESULTS, dataset, variables_of
+from k1607_pin.compiled.results import REST, dataset, variables_of
+from k1607_pin.compiled.turns import Turns
 from k1607_pin.simulation.integrators import semi_implicit_euler
+from k1607_pin.simulation.names import require_names
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import PayloadSchedule
 from k1607_pin.simulation.simulate import RUNAWAY, grid, require_controller
@@ -62,8 +66,8 @@ def rollout(
     The first call for a controller traces and compiles it, a second or so; the library is kept in the user's cache folder. A
     later call with the same objects does not trace again, if they are such as do not change: frozen dataclasses of numbers, and
     this package's functions; for functions of one's own `rollouts` is made once and called again and again.
-    What a controller's ``start`` would refuse is not looked at here; what it and the plant say of their numbers is, for the first
-    rollout and for those with the smallest and the largest ones.
+    What a controller's ``start`` refuses is refused here too, with its own numbers, where all rollouts begin alike. What it and
+    the plant say of numbers that vary is asked for the first rollout and for those with the smallest and the largest ones.
 
     Parameters
     ----------
@@ -137,9 +141,10 @@ def rollouts(
     if metrics is None:
         metrics = {name: kinds for name, kinds in DEFAULT_METRICS.items() if name in variables_of(controller)}
     metrics = {name: (kinds,) if isinstance(kinds, str) else tuple(kinds) for name, kinds in metrics.items()}
-    results = {f"{name}_{kind}" for name, kinds in metrics.items() for kind in kinds} | RESULTS
-    if wrong := [x for x in signals or () if "/" in x or x in ("rollout", "time") or (x in log and x in results)]:
-        raise ValueError(f"signals: expected names without /, and none of a result's, got {wrong[0]!r}")
+    require_names("signals", signals or ())
+    results = {f"{name}_{kind}" for name, kinds in metrics.items() for kind in kinds}
+    if both := sorted(results.intersection(log)):
+        raise ValueError(f"log: expected none that is called as a metric's result is, got {', '.join(both)}")
     if double := {name for name in varied if list(varied).count(name) > 1}:
         raise ValueError(f"vary: expected each name once, got {', '.join(sorted(double))} twice")
     if wrong := [name for name in varied if TIMES.fullmatch(name)]:
@@ -164,11 +169,10 @@ def rollouts(
 
 
 TIMES = re.compile(r"controller\.(.*\.)?period|payloads\.\d+\.(time|ramp)")
-FEW = 64  # rollouts that all are checked
 PIECE = 2_000_000  # physics steps of a block that the native function does in one call: half a second or so
 RECENT = 8  # traced loops that are kept for the next call
 _recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
-_TAKING_TURNS = threading.RLock()
+_TAKING_TURNS = Turns()
 
 
 def forget() -> None:
@@ -193,7 +197,7 @@ class Rollouts:
     def __post_init__(self) -> None:
         self.samples, self.substeps = grid(self.duration, self.period, self.setup.physics_step)
         controller = self.setup.controller
-        self._state = None
+        self._state, self._begun = None, b""
         if not hasattr(controller, "initial"):
             still = np.zeros(self.setup.plant.arm.n)
             self._state = controller.start(still, still.copy(), self.duration)
@@ -207,6 +211,8 @@ class Rollouts:
         if made is None:
             warnings.warn(WARNING, RuntimeWarning, stacklevel=2)
         self.engine = Kernel(self.loop, made) if made else Interpreter(self.loop)
+        size = self.samples * (self.loop.law_tables.size + self.substeps * self.loop.physics_tables.size)
+        require_steps(self.samples, self.substeps, size)
         times = np.arange(self.samples + 1) * self.period
         self._law_shared = self.loop.law_tables.shared_values(times)
         steps = (times[:-1, None] + np.arange(self.substeps) * self.setup.physics_step).ravel()
@@ -236,6 +242,30 @@ class Rollouts:
         progress: Callable[[float], None] | None = None,
     ) -> xr.Dataset:
         """As `rollout`, for the names that it was made for."""
+        start = self._one_start(q0, v0)
+        if start and not self.loop.state_is_given:
+            begun = b"".join(x.tobytes() for x in start)
+            if begun != self._begun:  # asked once: it may look at a whole path
+                self.setup.controller.start(*start, self.duration)
+                self._begun = begun
+        return self.run(q0, v0, vary, threads, progress)
+
+    def _one_start(self, q0: Any, v0: Any) -> tuple[np.ndarray, np.ndarray] | None:
+        """q and v, copies, where all rollouts begin alike."""
+        n = self.loop.n
+        q, v = (as_floats(name, x).copy() for name, x in (("q0", q0), ("v0", np.zeros(n) if v0 is None else v0)))
+        good = all(x.size == n and np.isfinite(x).all() for x in (q, v))
+        return (q.ravel(), v.ravel()) if good else None
+
+    def run(
+        self,
+        q0: np.ndarray,
+        v0: np.ndarray | None = None,
+        vary: Mapping[str, Any] | None = None,
+        threads: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> xr.Dataset:
+        """As `rollout`, without asking the controller's ``start`` whether it can begin there."""
         vary = dict(vary or {})
         if threads is not None and (not isinstance(threads, Integral) or threads < 1):
             raise ValueError(f"threads: expected a whole number from 1 on, got {threads!r}")
@@ -250,12 +280,13 @@ class Rollouts:
         }
         given |= {name: (vary[name], self.loop.parameters[name]) for name in self.varied}
         values, count = batches(given)
-        self._check({name: values[name] for name in self.varied})
+        require_values(self.setup, self.loop, {name: values[name] for name in self.varied})
         W = self.engine.lanes
+        self._require_memory(count)
         blocks = -(-count // W)
         columns = [rows_of(values[name], count) for name in ("q0", "v0", *self.varied)]
         if self.loop.state_is_given:
-            columns.append(self._given_states(values, count))
+            columns.append(given_states(self.setup, self.loop, self.varied, values, count, self.duration))
         inputs = in_lanes(columns, blocks, W)
         seeds = np.zeros((blocks, len(self.loop.law_tables.noise), W), dtype=np.int64)
         for k, (name, _) in enumerate(self.loop.law_tables.noise):
@@ -269,6 +300,15 @@ class Rollouts:
             by_rollout(log, count), self.every * self.period,
         )  # fmt: skip
         return found.assign_attrs(engine=str(self.engine))
+
+    def _require_memory(self, count: int) -> None:
+        """Refuse more rollouts than memory: of what goes in, and of what comes out twice, as it is put in order."""
+        n, rows = self.loop.n, self.samples // self.every + 1 if self.logged else 0
+        taken = 2 * n + sum(int(np.prod(shape)) for shape in self.loop.parameters.values()) + self.loop.state.size
+        given = (
+            2 * n + len(self.loop.reducers) + REST + rows * sum(int(np.prod(shape)) for _, shape in self.loop.logged)
+        )
+        require_rollouts(count, 8 * (taken + 2 * given))
 
     def plan(self) -> Plan:
         """What all rollouts share."""
@@ -318,46 +358,3 @@ class Rollouts:
                 change[k] = -len(rows) if self.setup.from_rest and new.any() else len(rows)
                 before = shares
         return np.array(rows, dtype=float).reshape(len(rows), 2 * len(schedule.changes)), change
-
-    def _check(self, values: Mapping[str, np.ndarray]) -> None:
-        """Numbers as controller, plant and payloads check theirs: of all rollouts if they are few, else of the extreme ones."""
-        seeds = [name for name, _ in self.loop.law_tables.noise]
-        for name, x in values.items():
-            kind = name.rpartition(".")[2] if is_of_arm(name) else ""
-            if name in seeds and (wrong := (x != np.floor(x)) | (x < 0) | (x > 2**53)).any():
-                raise ValueError(f"{name}: expected whole numbers from 0 to 2^53, got {x[wrong][0]!r}")
-            lowest = {"armature": x, "inertial": x[..., 0]}.get(kind)
-            if lowest is not None and (lowest < 0).any():
-                raise ValueError(f"{name}: expected no negative inertia or mass, got {lowest.min():g}")
-        lanes = {0}
-        for x in values.values():
-            if len(x) <= FEW:
-                lanes |= set(range(len(x)))
-            flat = x.reshape(len(x), -1)
-            lanes |= {int(flat.min(axis=1).argmin()), int(flat.max(axis=1).argmax())}
-        roots = {
-            "plant": self.setup.plant,
-            "controller": self.setup.controller,
-            "external": self.setup.external,
-            "payloads": self.setup.schedule.changes,
-        }
-        for lane in lanes:
-            for root, x in roots.items():
-                mine = {name: value for name, value in values.items() if name.startswith(f"{root}.")}
-                own = {name.partition(".")[2]: value[min(lane, len(value) - 1)] for name, value in mine.items()}
-                own = {name: v if v.ndim else float(v) for name, v in own.items() if not is_of_arm(f"{root}.{name}")}
-                replaced(x, own)
-
-    def _given_states(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """(count, size): what the controller starts from, asked for one by one where it may differ."""
-        mine = [name for name in self.varied if name.startswith("controller.") and not is_of_arm(name)]
-        if not mine and len(values["q0"]) == len(values["v0"]) == 1:
-            state = self.setup.controller.start(values["q0"][0].copy(), values["v0"][0].copy(), self.duration)
-            return np.broadcast_to(np.array(self.loop.state.flat(state), dtype=float), (count, self.loop.state.size))
-        out = np.empty((count, self.loop.state.size))
-        for i in range(count):
-            own = {name.partition(".")[2]: values[name][i % len(values[name])] for name in mine}
-            controller = replaced(self.setup.controller, {k: x if x.ndim else float(x) for k, x in own.items()})
-            q, v = (values[name][i % len(values[name])] for name in ("q0", "v0"))
-            out[i] = self.loop.state.flat(controller.start(q.copy(), v.copy(), self.duration))
-        return out

@@ -80,7 +80,8 @@ def sweep(
     loop = run if isinstance(run, Rollouts) else run()
     fixed = {name: x for name, x in (("q0", q0), ("v0", v0)) if name not in parameters.along}
     _require(loop, parameters, q0, v0, chunk, ahead, executor)
-    sample = _rollouts(loop, fixed, parameters.values(0, 1))
+    begins = loop.run if {"q0", "v0"} & set(parameters.along) else loop  # where all begin alike, its start is asked
+    sample = _rollouts(begins, fixed, parameters.values(0, 1))
     variables = _variables(sample, parameters)
     count = math.prod(parameters.dims.values())
     size = sum(x.size for x in variables.values())
@@ -145,11 +146,13 @@ def _computed(sent: Any, start: int, stop: int, listed: Mapping[str, np.ndarray]
     """Parameters and results of a chunk; runs in the worker."""
     loop, parameters, fixed = _unpacked(sent) if isinstance(sent, bytes) else sent
     values = parameters.values(start, stop) if listed is None else listed
-    found = _rollouts(loop, fixed, values)
+    found = _rollouts(loop.run, fixed, values)
     return {**values, **{str(name): x.values for name, x in found.data_vars.items()}}
 
 
-def _rollouts(loop: Rollouts, fixed: Mapping[str, Any], values: Mapping[str, np.ndarray]) -> xr.Dataset:
+def _rollouts(
+    loop: Callable[..., xr.Dataset], fixed: Mapping[str, Any], values: Mapping[str, np.ndarray]
+) -> xr.Dataset:
     given = {**fixed, **values}
     q0, v0 = given.pop("q0"), given.pop("v0")
     return loop(q0, v0, given, threads=1)

@@ -1,6 +1,5 @@
 """Trace plain NumPy functions into CasADi functions."""
 
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -8,8 +7,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from k1607_pin.compiled.turns import Turns
+
 Shape = tuple[int, ...]
-_TAKING_TURNS = threading.RLock()  # the mode is one for all threads
+_OUTSIDE: list[tuple[int, Any]] = []
+"""What `numpy_mode` found before it, of each nesting"""
+
+
+def _put_back() -> None:
+    while _OUTSIDE:
+        mode, as_float = _OUTSIDE.pop()
+        ca.SX.__float__ = as_float  # type: ignore[method-assign]
+        ca.GlobalOptions.setNumpyMode(mode)
+
+
+_TAKING_TURNS = Turns(_put_back)  # the mode is one for all threads
 
 
 @contextmanager
@@ -20,6 +32,7 @@ def numpy_mode() -> Iterator[None]:
     """
     with _TAKING_TURNS:
         before, as_float = ca.GlobalOptions.getNumpyMode(), ca.SX.__float__
+        _OUTSIDE.append((before, as_float))
         ca.GlobalOptions.setNumpyMode(1)
         ca.SX.__float__ = _as_float(as_float)  # type: ignore[method-assign]
         try:
@@ -27,6 +40,7 @@ def numpy_mode() -> Iterator[None]:
         finally:
             ca.SX.__float__ = as_float  # type: ignore[method-assign]
             ca.GlobalOptions.setNumpyMode(before)
+            _OUTSIDE.pop()
 
 
 def _as_float(of_constant: Callable[[Any], float]) -> Callable[[Any], float]:

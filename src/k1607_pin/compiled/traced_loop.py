@@ -1,8 +1,6 @@
 """A closed loop traced: controller, plant, world and integrator become `ClosedLoop`'s programs."""
 
-import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import is_dataclass
 from typing import Any
 
 import casadi as ca
@@ -12,12 +10,14 @@ from k1607_pin.arm.payload import velocity_after_gripping_of
 from k1607_pin.arm.wrench import wrench_torque
 from k1607_pin.compiled.closed_loop import INPUTS, REDUCERS, ClosedLoop, Setup, is_of_arm, shape_of
 from k1607_pin.compiled.leaves import Layout, apart, numbers, replaced, substituted
+from k1607_pin.compiled.limits import require_state
 from k1607_pin.compiled.order import in_order
-from k1607_pin.compiled.program import Program, hoisted, program
+from k1607_pin.compiled.program import Program, hoisted
 from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
-from k1607_pin.compiled.tracer import Tracer, TracingError, column, explained, symbol_array, without_nan
+from k1607_pin.compiled.tracer import Tracer, TracingError, column, explained, program_of, symbol_array
 from k1607_pin.dynamics.rigid_body import inertia_from, rigidly_carried
+from k1607_pin.simulation.names import require_names
 from k1607_pin.simulation.plant import Plant
 
 SOMEWHERE = 0.1
@@ -62,12 +62,7 @@ class _Tracing:
         return {name: x for name, x in self.symbols.items() if name.partition(".")[0] == root}
 
     def stand_in(self, tracer: Tracer, root: str, x: Any) -> Any:
-        if is_dataclass(x):
-            return tracer.inside(x, root, self.below(root))
-        made = copy.copy(x)
-        for key, child in vars(x).items():
-            object.__setattr__(made, key, substituted(child, self.below(root), tracer.stand_in, f"{root}.{key}"))
-        return made
+        return tracer.inside(x, root, self.below(root))
 
     def loop(self, metrics: Mapping[str, Sequence[str]], logged: Sequence[str], initial_state: Any) -> ClosedLoop:
         setup = self.setup
@@ -77,9 +72,11 @@ class _Tracing:
         payload = self.payload(plant.arm)
 
         given = not hasattr(setup.controller, "initial")
+        first = initial_state if given else setup.controller.initial(np.zeros(self.n), np.zeros(self.n))
+        self.state = Layout(first, "the controller's state")
+        require_state("controller", self.state)
         with explained("controller.initial"):
             state_0 = initial_state if given else controller.initial(np.copy(self.q), np.copy(self.v))
-        self.state = Layout(initial_state if given else setup.controller.initial(np.zeros(self.n), np.zeros(self.n)))
         functions: dict[str, tuple[list[Any], Any, Any]] = {}  # outputs, shared symbols, further input
         state = symbol_array("state", (self.state.size,))
         functions["law"], metric_list, log_list = self.law(controller, plant, tracer, state, metrics, logged)
@@ -160,21 +157,20 @@ class _Tracing:
         may_limit = "plant.torque_limit" in self.shapes or np.isfinite(self.setup.plant.torque_limit).any()
         if may_limit:  # what is not finite must not become a limit, and look well
             tau = np.where(np.abs(asked) < np.inf, tau, np.inf)
+        require_names("log", log)
+        if both := sorted(set(log).intersection(self.setup.signals)):
+            raise ValueError(f"signals: expected names other than the controller's, got {', '.join(both)}")
         log = {
             **log, "t": tracer.time[0], "q": self.q, "v": self.v, "tau": tau,
             "tool_position": plant.arm.forward_kinematics(self.q).translation,
         }  # fmt: skip
         for name, signal in self.setup.signals.items():
             with explained(f"signals[{name!r}]"):
-                log[name] = signal(log)
+                log[name] = tracer.inside(signal, f"signals.{name}", {})(log)
         for name in (*metrics, *logged):
             if name not in log:
                 raise ValueError(f"metrics, log: expected some of {', '.join(sorted(log))}, got {name!r}")
         flat_after = self.state.flat(after)
-        if len(flat_after) != self.state.size:
-            raise TracingError(
-                f"controller.update: expected a next state of {self.state.size} numbers as the first, got {len(flat_after)}"
-            )
         shapes = self.shapes_logged()
         for name in (*metrics, *logged):
             if len(_entries(log[name])) != int(np.prod(shapes[name])):
@@ -345,7 +341,7 @@ def _program(name: str, inputs: Mapping[str, Any], outputs: Any) -> Program:
     else:
         out = [ca.densify(_vertical(x)) for x in outputs]
     f = ca.Function(name, symbols, out, {"cse": True})
-    return without_nan(name, program(f))
+    return program_of(name, f)
 
 
 def _renumbered(p: Program, inputs: Sequence[int]) -> Program:

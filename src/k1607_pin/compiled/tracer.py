@@ -1,10 +1,9 @@
 """Controllers, plants and the world around them made traceable: arms that take symbols, functions of time as tables."""
 
-import copy
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,17 +12,17 @@ import casadi as ca
 import numpy as np
 
 from k1607_pin.arm.arm import Arm
-from k1607_pin.compiled.leaves import Layout, substituted
-from k1607_pin.compiled.program import Program
+from k1607_pin.compiled.layout import Layout
+from k1607_pin.compiled.leaves import Seen, opened
+from k1607_pin.compiled.limits import require_operations
+from k1607_pin.compiled.nest import TracingError as TracingError
+from k1607_pin.compiled.nest import is_open, is_traced
+from k1607_pin.compiled.program import Program, program
 from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.traced_regressor import TracedRegressor
 from k1607_pin.control.baselines import Regressor
 from k1607_pin.simulation.noise import WhiteNoise
-
-
-class TracingError(TypeError):
-    """Something that cannot be compiled, and which operation stands in the way."""
 
 
 class Tracer:
@@ -36,6 +35,7 @@ class Tracer:
         self.table_symbols: list[Any] = []
         self.noise: list[tuple[str, WhiteNoise, Any]] = []
         """Name of its seed, source, and symbols (size,)"""
+        self.seen: Seen = {}
 
     def stand_in(self, x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
         """What `substituted` is to put in the place of x; None for looking inside."""
@@ -47,12 +47,10 @@ class Tracer:
             values = symbol_array(name, (x.size,))
             self.noise.append((f"{name}.seed", x, values))
             return partial(self.noise_at, name, values)
-        inside = None
-        if is_dataclass(x) and not isinstance(x, type) and (callable(x) or hasattr(x, "of_time")):
-            inside = self.inside(x, name, symbols)
-        if callable(x) and not isinstance(x, type) and not symbols:
-            return OfTime(self, name, x, inside)
-        return inside
+        if isinstance(x, type) or not (callable(x) or (is_open(x) and hasattr(x, "of_time"))):
+            return None
+        inside = self.inside(x, name, symbols)
+        return OfTime(self, name, x, inside) if callable(x) and not symbols else inside
 
     def noise_at(self, name: str, values: Any, t: Any) -> Any:
         """Of the sample."""
@@ -63,27 +61,32 @@ class Tracer:
         return values
 
     def inside(self, x: Any, name: str, symbols: Mapping[str, Any]) -> Any:
-        """A copy of the dataclass x with stand-ins for what it holds, and for its methods of time alone.
+        """A copy of x, an object or a function, with stand-ins for what it holds, and for its methods of time alone.
 
         Those are the ones that its class names in ``of_time``; they cannot depend on what differs between rollouts.
         """
-        made = copy.copy(x)
-        for key, child in vars(x).items():
-            object.__setattr__(made, key, substituted(child, symbols, self.stand_in, f"{name}.{key}"))
-        for key in getattr(x, "of_time", ()):
-            object.__setattr__(made, key, OfTime(self, f"{name}.{key}", getattr(x, key), None))
+        made = opened(x, symbols, self.stand_in, name, self.seen)
+        if made is not x:
+            for key in getattr(x, "of_time", ()):
+                object.__setattr__(made, key, OfTime(self, f"{name}.{key}", getattr(x, key), None))
         return made
+
+    def is_time(self, t: Any) -> bool:
+        """Whether t is a number, or computed of the sample's time alone."""
+        if not isinstance(t, int | float | np.number) and not is_traced(t) and not isinstance(t, ca.SX):
+            return False
+        if np.size(t) != 1:
+            return False
+        return not ca.Function("at", [self._sx_time], [ca.SX(getattr(t, "_v", t))], {"allow_free": True}).has_free()
 
     def table(self, name: str, fun: Callable[[float], Any], t: Any) -> Any:
         """Symbols for fun(t), laid out as fun(0) is."""
         at = ca.Function("at", [self._sx_time], [ca.SX(getattr(t, "_v", t))], {"allow_free": True})
-        if at.has_free():
-            raise TracingError(f"{name}: expected to be called at a time, got {t}, which depends on {at.get_free()}")
         asked = at(self._sx_time)
         for table, symbols in zip(self.tables, self.table_symbols, strict=True):
             if table.name == name and ca.is_equal(asked, table.at(self._sx_time) if table.at else self._sx_time, 10):
                 return table.layout.rebuilt(symbols)
-        layout = Layout(fun(0.0))
+        layout = Layout(fun(0.0), name)
         first = sum(table.layout.size for table in self.tables)
         at_once = bool(ca.is_equal(asked, self._sx_time, 10))
         self.tables.append(Table(name, fun, None if at_once else at, layout, first))
@@ -101,7 +104,10 @@ class Tracer:
 
 @dataclass(frozen=True)
 class OfTime:
-    """A callable within something traced: a table where it is asked for a time alone, else traced through."""
+    """A callable within something traced: a table where it is asked for a time alone, else traced through.
+
+    A function of time is asked on numbers, so that it may do what does not trace.
+    """
 
     tracer: Tracer
     name: str
@@ -109,11 +115,11 @@ class OfTime:
     inside: Any
     """The same with stand-ins for what it holds, or None"""
 
-    def __call__(self, t: Any, *rest: Any) -> Any:
-        if not rest:
-            return self.tracer.table(self.name, self.fun, t)
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        if len(arguments) == 1 and not named and self.tracer.is_time(arguments[0]):
+            return self.tracer.table(self.name, self.fun, arguments[0])
         with explained(self.name):
-            return (self.inside or self.fun)(t, *rest)
+            return (self.fun if self.inside is None else self.inside)(*arguments, **named)
 
     def __getattr__(self, key: str) -> Any:
         if key.startswith("__"):
@@ -135,14 +141,16 @@ def _column(x: Any) -> Any:
     return np.reshape(x, (-1, 1)) if np.shape(x)[0] else ca.SX(0, 1)
 
 
-def without_nan(name: str, p: Program) -> Program:
-    """The program, unless a NaN stands in it.
+def program_of(name: str, f: ca.Function) -> Program:
+    """The function's program, unless there are too many operations in it, or a NaN.
 
     Raises
     ------
     TracingError
         It says so.
     """
+    require_operations(name, f.n_instructions())
+    p = program(f)
     if any(node.op == "const" and node.value != node.value for node in p.nodes):
         raise TracingError(
             f"{name}: expected numbers, got a NaN among its constants: np.nan itself, 0 / 0, or the root of a negative number"
@@ -175,7 +183,7 @@ LONGEST = 300  # characters of what a library says: it may print all that was tr
 HINTS = {
     "truth value": " (a Python condition on a traced number; use np.where)",
     "symbolic SX to a numpy array": " (an array made of traced numbers; use np.stack, np.hstack or np.concatenate)",
-    "expected numbers, got ArrayInterface": " (an arm that tracing does not see: keep it as an attribute of the controller, "
+    "got ArrayInterface": " (an arm that tracing does not see: keep it as an attribute of the controller, "
     "or of a dataclass, tuple or mapping in one)",
     "unsupported operand type(s) for &": " (use np.logical_and)",
     "unsupported operand type(s) for |": " (use np.logical_or)",

@@ -14,11 +14,9 @@ from k1607_pin.control.finite import NotFiniteError
 from k1607_pin.kinematics.differential import SingularJacobianError
 from k1607_pin.simulation.account import work_rule
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
+from k1607_pin.simulation.names import DIRECTIONS, VARIABLES, Variables, require_names
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import NOTHING, PayloadSchedule
-
-Variables = Mapping[str, tuple[tuple[str, ...], str]]
-"""Name of a logged variable -> dimensions after time, unit."""
 
 External = Callable[[float, np.ndarray, np.ndarray], Wrench | None]
 """Time [s], q, v (n,) -> what the world does to the arm."""
@@ -158,7 +156,13 @@ def simulate(
             brought += plant.energy(q, v) - before
         try:
             asked, state, log = controller.update(t, q.copy(), v.copy(), state)
-            log = {**log, **(observe(plant.arm, q, v) if observe else {})}
+            if observe:
+                seen = observe(plant.arm, q, v)
+                if both := log.keys() & seen.keys():
+                    raise ValueError(
+                        f"observe: expected other names than the controller's, got {', '.join(sorted(both))}"
+                    )
+                log = {**log, **seen}
         except (NotFiniteError, SingularJacobianError) as error:  # the law stops: what was until then is told
             if not records:
                 raise
@@ -214,9 +218,8 @@ def simulate(
 
 
 def _require_names(log: Mapping[str, Any], records: list[dict[str, Any]]) -> None:
-    """Refuse a log that would hide simulate's own variables, or that names others than the tick before."""
-    if clash := sorted(set(log) & set(VARIABLES)):
-        raise ValueError(f"log: expected other names than simulate's own, got {', '.join(clash)}")
+    """Refuse a log whose names are taken, or that names others than the tick before."""
+    require_names("log", log)
     if records and (changed := sorted((set(records[-1]) - set(VARIABLES)) ^ set(log))):
         raise ValueError(f"log: expected the same names at every tick, got a change of {', '.join(changed)}")
 
@@ -275,27 +278,6 @@ def grid(duration: float, control_period: float, physics_step: float) -> tuple[i
             f"physics_step: expected a whole part of the control period {control_period} s, got {physics_step!r}"
         )
     return samples, substeps
-
-
-VARIABLES: dict[str, tuple[tuple[str, ...], str]] = {
-    "q": (("joint",), "rad"),
-    "v": (("joint",), "rad/s"),
-    "tau": (("joint",), "N m"),
-    "passive_torque": (("joint",), "N m"),
-    "tool_position": (("axis",), "m"),
-    "contact_force": (("axis",), "N"),
-    "contact_moment": (("axis",), "N m"),
-    "payload": ((), "kg"),
-    "payload_changes": ((), ""),
-    "energy": ((), "J"),
-    "work": ((), "J"),
-    "external_work": ((), "J"),
-    "dissipated": ((), "J"),
-    "payload_energy": ((), "J"),
-    "energy_residual": ((), "J"),
-}
-DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-"""Of Cartesian errors and forces: along and about the base's axes."""
 
 
 def _dataset(records: list[dict[str, Any]], period: float, arm: Arm, variables: Variables) -> xr.Dataset:

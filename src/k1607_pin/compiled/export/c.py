@@ -9,7 +9,7 @@ from k1607_pin.compiled.emit import literal
 from k1607_pin.compiled.export.function import Argument, Field, Function, Struct, fields
 from k1607_pin.compiled.export.law import Law
 from k1607_pin.compiled.export.plain_c import statements
-from k1607_pin.compiled.program import Program
+from k1607_pin.compiled.program import Program, require_inputs
 
 HELPERS = """\
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
@@ -170,6 +170,7 @@ def _access(argument: Struct | None, field: Field, i: int, scalar: str = "") -> 
 def _values(prefix: str, law: str, f: Function) -> str:
     """The formula, without a look at its arguments."""
     given, inputs = list(fields(f.inputs)), {a.name for a in f.inputs}
+    require_inputs(f.name, f.program, [x.size for _, x in given])
     outputs = [a._replace(name=_next(a, inputs)) for a in f.outputs]
     targets = [_access(struct, x, i, "*") for struct, x in fields(outputs) for i in range(x.size)]
     lines = statements(f.program, lambda k, i: _access(*given[k], i), targets)

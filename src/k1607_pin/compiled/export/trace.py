@@ -10,9 +10,10 @@ import numpy as np
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.export.words import output_names
 from k1607_pin.compiled.leaves import Layout, named_numbers, numbers
-from k1607_pin.compiled.program import Program, program
+from k1607_pin.compiled.limits import require_state
+from k1607_pin.compiled.program import Program
 from k1607_pin.compiled.trace import numpy_mode
-from k1607_pin.compiled.tracer import OfTime, Tracer, TracingError, explained, symbol_array, without_nan
+from k1607_pin.compiled.tracer import OfTime, Tracer, TracingError, explained, program_of, symbol_array
 from k1607_pin.control.adaptation import Gains
 
 ROOT = "controller"
@@ -54,7 +55,8 @@ class TracedLaw:
         q, v = symbol_array("q", (n,)), symbol_array("v", (n,))
         somewhere, still = 0.1 * np.arange(1.0, n + 1), np.zeros(n)
         sample = controller.initial(somewhere, still)
-        self.layout = Layout(sample)
+        self.layout = Layout(sample, "the controller's state")
+        require_state("controller", self.layout)
         state = symbol_array("state", (self.layout.size,)) if self.layout.size else None
         with explained("controller.initial"):
             self.initial = self.layout.flat(law.initial(np.copy(q), np.copy(v)))
@@ -90,7 +92,7 @@ class TracedLaw:
         with numpy_mode():
             columns = [ca.densify(ca.vertcat(*map(column, output))) for output in outputs]
         made = ca.Function("f", [leaf.symbols for leaf in order], columns, {"cse": True})
-        return without_nan("controller", program(made))
+        return program_of("controller", made)
 
 
 class _Inputs(Tracer):
