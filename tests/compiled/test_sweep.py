@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 import tracemalloc
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -22,7 +21,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import k1607_pin as k1607
-from k1607_pin.compiled import store as store_module
 from k1607_pin.compiled import sweep as sweep_module
 from k1607_pin.compiled.chunks import Cut
 from k1607_pin.compiled.rollout import Rollouts, rollouts
@@ -216,38 +214,14 @@ def test_a_sweep_that_is_killed_goes_on_in_another_process(tmp_path):
 def test_a_sweep_that_is_killed_while_it_makes_its_store_is_begun_again(run, expected, tmp_path):
     pytest.importorskip("zarr")
     killed = KILLED.replace(
-        "die =", "import zarr; zarr.consolidate_metadata = lambda *_, **__: os.kill(os.getpid(), 9)\ndie ="
+        "die =",
+        "from k1607_pin import files; files.os.replace = lambda old, new: os.kill(os.getpid(), 9)\ndie =",
     )
     assert killed != KILLED
     done = subprocess.run([sys.executable, "-c", killed, str(tmp_path / "s")], capture_output=True, text=True)
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert not (tmp_path / "s").exists()
     same(k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s"), expected)
-
-
-def test_two_processes_may_begin_a_store(run, expected, tmp_path, monkeypatch):
-    """The other one is here first, when ours is ready to be put in its place."""
-    pytest.importorskip("zarr")
-    store, make = tmp_path / "s", store_module._create
-
-    def slowly(*arguments):
-        make(*arguments)
-        if not store.exists():
-            make(str(store), *arguments[1:])
-
-    monkeypatch.setattr(store_module, "_create", slowly)
-    same(k1607.sweep(run, DRAWN, chunk=np.int64(50), store=store), expected)
-    same(k1607.sweep(run, DRAWN, chunk=50, store=store, progress=lambda done, *_: done), expected)
-    assert [f.name for f in tmp_path.iterdir()] == ["s"]
-
-
-def test_what_is_left_of_a_store_s_making_is_cleared_away(run, tmp_path):
-    pytest.importorskip("zarr")
-    for name, age in ((".s.old.making", 7200), (".s.new.making", 60)):
-        (tmp_path / name / "s").mkdir(parents=True)
-        os.utime(tmp_path / name, (time.time() - age,) * 2)
-    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
-    assert sorted(f.name for f in tmp_path.iterdir()) == [".s.new.making", "s"]
 
 
 def test_distributions_of_one_median_are_other_sweeps():
@@ -459,15 +433,6 @@ def test_the_fingerprint_tells_paths_and_payloads_apart():
     other = replace(study, law=replace(study.law, path=replace(study.law.path, rate=3.4)))
     later = replace(study, duration=study.duration + 3 * study.law.period)
     assert len({one.rollouts(()).fingerprint() for one in (study, other, later)}) == 3
-
-
-def test_what_a_killed_writer_left_is_cleared_away(run, tmp_path):
-    pytest.importorskip("zarr")
-    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
-    left = tmp_path / "s" / "error_max" / "0.0.partial"
-    left.touch()
-    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
-    assert not left.exists()
 
 
 class KilledWorker(Exception):

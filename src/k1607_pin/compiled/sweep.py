@@ -89,7 +89,7 @@ def sweep(
     cut = Cut.of(parameters.dims, int(chunk) if chunk else _chunk(count, size // count))
     frame = sample.drop_vars(list(sample.data_vars))
     if store is None:
-        kept: InMemory | InStore = InMemory(frame, variables, parameters.along, cut.count)
+        kept: InMemory | InStore = InMemory(frame, variables, parameters.along, cut)
     else:
         identity = {
             "closed loop": loop.fingerprint(),
@@ -107,9 +107,7 @@ def sweep(
         told = _Told(progress, count, sum(cut.size(int(k)) for k in np.flatnonzero(kept.done)))
         with closing(workers.results(_computed, _tasks(cut, kept.done, sent, parameters), ahead)) as results:
             for k, arrays in results:
-                for name, x in arrays.items():
-                    cut.write(k, kept.arrays[name], variables[name].dims, x)
-                kept.mark(k)
+                kept.write(k, arrays)
                 told(cut.size(k))
     return kept.opened()
 
