@@ -19,6 +19,7 @@ from k1607_pin.report.comparison import TROUBLES, compare
 from k1607_pin.report.comparison_figures import table
 from k1607_pin.report.rows import loaded
 
+WITHIN = 120.0  # s; of processes that would otherwise be waited for without end
 ROOT = Path(__file__).parents[1]
 COMMANDS = [command.callback.__name__ for command in cli.app.registered_commands]
 
@@ -244,3 +245,38 @@ def test_view_serves_until_interrupted():
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=20) == 0
+
+
+SWEEP = """
+import signal
+from k1607_pin.cli import main
+from k1607_pin.compiled import sweep
+
+class Store(sweep.InStore):
+    def write(self, k, found):
+        super().write(k, found)
+        print("written", flush=True)
+        signal.pause()  # the workers are in the middle of further chunks
+
+sweep.InStore = Store
+main()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_of_a_sweep_says_how_to_go_on(tmp_path):
+    """After the first of some hundred chunks."""
+    vary = ("--vary", "controller.beta_1=0:1e3:1000000", "--store", str(tmp_path / "s"))
+    command = [sys.executable, "-c", SWEEP, "sweep", "1", *vary]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "written\n", process.communicate(timeout=WITHIN)[1]
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=WITHIN)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "the same command goes on from there" in " ".join(said.split())
+    assert "Traceback" not in said
+    done = len(list((tmp_path / "s" / "sweep" / "done").glob("*.0")))
+    assert done == 1

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import tracemalloc
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -30,6 +31,7 @@ from k1607_pin.report.cases import study_case
 START = np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # as what is written in a notebook is sent
 SPAWN = multiprocessing.get_context("spawn")
+WITHIN = 120.0  # s; of what would otherwise be waited for without end
 DRAWN = k1607.Drawn(
     {"payloads.0.payload.mass": k1607.Uniform(0.0, 9.0), "q0": k1607.Normal(START, np.full(7, 0.02))}, count=150, seed=3
 )
@@ -181,6 +183,91 @@ def test_ctrl_c_keeps_what_is_done(run, expected, tmp_path):
     told = []
     same(k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s", progress=lambda *x: told.append(x)), expected)
     assert told[0][0] == 20
+
+
+class Interrupting:
+    """Ctrl-C while a worker is at the first piece of a chunk; the piece ends when the workers have been told to stop."""
+
+    def __init__(self, engine, told):
+        self.engine, self.lanes, self.piece, self.told, self.pieces = engine, engine.lanes, 1, told, 0
+
+    def __call__(self, *arguments):
+        self.pieces += 1
+        if self.pieces == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+        assert self.told.wait(WITHIN)
+        self.engine(*arguments)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.parametrize("lent", [False, True])
+def test_ctrl_c_waits_for_a_piece_and_not_for_a_chunk(run, tmp_path, monkeypatch, lent):
+    told, end, compute = threading.Event(), Workers.end_tasks, sweep_module._computed
+    engine = Interrupting(run.engine, told)
+    monkeypatch.setattr(run, "engine", run.engine)  # as it was, afterwards
+
+    def end_tasks(workers):
+        end(workers)
+        told.set()
+
+    def computed(*task):
+        run.engine = engine
+        return compute(*task)
+
+    monkeypatch.setattr(Workers, "end_tasks", end_tasks)
+    monkeypatch.setattr(sweep_module, "_computed", computed)
+    drawn = k1607.Drawn(DRAWN.distributions, 4000)
+    with ThreadPoolExecutor(2) as pool:
+        executor = pool if lent else partial(ThreadPoolExecutor, 2)
+        with pytest.raises(KeyboardInterrupt) as raised:
+            k1607.sweep(run, drawn, chunk=2000, store=tmp_path / "s", executor=executor)
+    assert 1 <= engine.pieces <= 2  # of some hundred a chunk
+    assert "0 of 4,000 rollouts are done" in raised.value.__notes__[0]
+    assert "goes on from there" in raised.value.__notes__[0]
+
+
+LONG = """
+import multiprocessing, sys
+from concurrent.futures import ProcessPoolExecutor
+import numpy as np
+import k1607_pin as k1607
+from k1607_pin.report.cases import study_case
+
+class Pool(ProcessPoolExecutor):
+    def submit(self, *arguments):
+        made = super().submit(*arguments)
+        print("under way", flush=True)
+        return made
+
+def main():
+    study = study_case(1)
+    name = "payloads.0.payload.mass"
+    loop = k1607.rollouts(study.plant, study.law, 200.0, study.law.period, varied=("controller.beta_1",))
+    drawn = k1607.Drawn({"controller.beta_1": k1607.Uniform(0.0, 1.0)}, 10**6)
+    pool = lambda: Pool(2, multiprocessing.get_context("spawn"))
+    k1607.sweep(loop, drawn, study.q0, chunk=50_000, store=sys.argv[1], executor=pool)
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_does_not_wait_for_chunks_of_processes(tmp_path):
+    """Each of which would take many minutes; sent to the sweep alone, so that no worker hears of it but by the sweep."""
+    script = tmp_path / "long.py"
+    script.write_text(LONG)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path / "s")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout.readline() == "under way\n", process.communicate(timeout=WITHIN)[1]
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=WITHIN)
+    finally:
+        process.kill()
+    assert process.returncode != 0
+    assert "0 of 1,000,000 rollouts are done. They are in" in said
 
 
 KILLED = """
@@ -454,10 +541,12 @@ def test_workers_that_dask_gives_up_are_asked_again():
 
 def test_default_chunks_are_bounded():
     for count in (1, 100, 10**5, 10**8):
-        chunk = sweep_module._chunk(count, 80)
-        assert 1 <= chunk <= sweep_module.MOST
-        assert chunk * 80 <= sweep_module.CHUNK_BYTES
-    assert sweep_module._chunk(10**8, sweep_module.CHUNK_BYTES) == 1
+        for steps in (1, 4000, 10**8):
+            chunk = sweep_module._chunk(count, 80, steps)
+            assert 1 <= chunk <= sweep_module.MOST
+            assert chunk * 80 <= sweep_module.CHUNK_BYTES
+            assert chunk <= sweep_module.LEAST or chunk * steps <= sweep_module.CHUNK_STEPS
+    assert sweep_module._chunk(10**8, sweep_module.CHUNK_BYTES, 1) == 1
 
 
 @pytest.mark.parametrize(("points", "bits"), [("sobol", 33), ("random", 53)])

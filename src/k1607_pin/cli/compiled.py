@@ -146,7 +146,9 @@ def sweep(
             )
     except KeyboardInterrupt:
         notes.print(
-            f"stopped; what is done is in {store}, and the same command goes on from there" if store else "stopped"
+            f"stopped; what is done is in {store}, and the same command goes on from there"
+            if store
+            else "stopped; nothing is kept without --store FOLDER"
         )
         raise typer.Exit(130) from None
     rows, lost, counted = summary(found)

@@ -17,6 +17,8 @@ class Interpreter:
     """Stands in for a `Kernel`."""
 
     lanes = 1
+    piece = 100_000
+    """Physics steps that one call does: a second or so, which Ctrl-C waits for"""
 
     def __init__(self, loop: ClosedLoop) -> None:
         self._loop = loop

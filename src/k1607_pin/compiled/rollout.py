@@ -165,7 +165,6 @@ def rollouts(
 
 TIMES = re.compile(r"controller\.(.*\.)?period|payloads\.\d+\.(time|ramp)")
 FEW = 64  # rollouts that all are checked
-PIECE = 2_000_000  # physics steps of a block that the native function does in one call: half a second or so
 RECENT = 8  # traced loops that are kept for the next call
 _recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
 _TAKING_TURNS = threading.RLock()
@@ -283,7 +282,7 @@ class Rollouts:
         threads = threads or processors()
         steps = blocks * plan.ticks * plan.substeps * self.loop.stages
         # so that nobody waits long for the last one, nor for Ctrl-C
-        count = max(4 * threads if threads > 1 else 1, 20 if progress else 1, -(-steps // PIECE))
+        count = max(4 * threads if threads > 1 else 1, -(-steps // self.engine.piece))
         edges = np.unique(np.linspace(0, blocks, min(blocks, count) + 1).astype(int))
         pieces = [slice(a, b) for a, b in pairwise(edges)]
         if threads == 1 or len(pieces) == 1:
