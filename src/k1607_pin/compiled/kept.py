@@ -31,6 +31,7 @@ from k1607_pin.compiled.program import Node, Program
 from k1607_pin.compiled.sound import require_sound
 from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.traced_loop import traced
+from k1607_pin.compiled.turns import Turns
 from k1607_pin.files import write_atomically
 
 logger = logging.getLogger(__name__)
@@ -60,13 +61,25 @@ def kept(
 @contextlib.contextmanager
 def _no_collection() -> Iterator[None]:
     """Thousands of small objects are made that stay: to look among them for cyclic garbage takes longer than to read them."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
+    with _TURNS.taken():
+        _was.append(gc.isenabled())
+        gc.disable()
+        try:
+            yield
+        finally:
+            _put_back()
+
+
+_was: list[bool] = []
+
+
+def _put_back() -> None:
+    if any(_was):
+        gc.enable()
+    _was.clear()
+
+
+_TURNS = Turns(_put_back)
 
 
 def _kept(setup: Setup, *rest: Any) -> ClosedLoop:

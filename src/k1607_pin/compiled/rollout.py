@@ -3,7 +3,6 @@
 import hashlib
 import logging
 import re
-import threading
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
@@ -26,6 +25,7 @@ from k1607_pin.compiled.lanes import batches, by_rollout, in_lanes, processors, 
 from k1607_pin.compiled.leaves import lasts, numbers, replaced
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.results import REST, RESULTS, dataset, variables_of
+from k1607_pin.compiled.turns import Turns
 from k1607_pin.simulation.integrators import semi_implicit_euler
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import PayloadSchedule
@@ -148,7 +148,7 @@ def rollouts(
     times = (duration, control_period, physics_step, from_rest, every, tuple(signals or ()))
     content = tuple((name, x.shape, x.tobytes()) for one in objects for name, x in numbers(one).items())
     key = (tuple(map(id, objects)), content, times, tuple(varied), tuple(metrics.items()), tuple(log))
-    with _TAKING_TURNS:
+    with _TURNS.taken():
         found = _recent.get(key)
         if found and all(map(lasts, objects)):
             _recent.move_to_end(key)
@@ -167,7 +167,7 @@ TIMES = re.compile(r"controller\.(.*\.)?period|payloads\.\d+\.(time|ramp)")
 FEW = 64  # rollouts that all are checked
 RECENT = 8  # traced loops that are kept for the next call
 _recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
-_TAKING_TURNS = threading.RLock()
+_TURNS = Turns()
 
 
 def forget() -> None:

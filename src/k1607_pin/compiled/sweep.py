@@ -3,7 +3,6 @@
 import math
 import os
 import pickle
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -20,6 +19,7 @@ from k1607_pin.compiled.lanes import processors
 from k1607_pin.compiled.rollout import Rollouts
 from k1607_pin.compiled.samples import Drawn, Grid, Listed, digest
 from k1607_pin.compiled.store import InMemory, InStore, Variable
+from k1607_pin.compiled.turns import Turns
 from k1607_pin.compiled.workers import Task, Workers, go_on_unless
 
 Samples = Grid | Listed | Drawn
@@ -180,11 +180,11 @@ def _packed(work: Any) -> bytes:
         ) from error
 
 
-_ONE_AT_A_TIME = threading.Lock()
+_TURNS = Turns()
 
 
 def _unpacked(work: bytes) -> Any:
-    with _ONE_AT_A_TIME:  # a worker of many threads makes the closed loop once
+    with _TURNS.taken():  # a worker of many threads makes the closed loop once
         return _made(work)
 
 

@@ -1,6 +1,5 @@
 """Trace plain NumPy functions into CasADi functions."""
 
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -8,8 +7,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from k1607_pin.compiled.turns import Turns
+
 Shape = tuple[int, ...]
-_TAKING_TURNS = threading.RLock()  # the mode is one for all threads
+_before: list[tuple[int, Any]] = []
+"""What the blocks of `numpy_mode` under way, the outermost first, have found"""
+
+
+def _put_back(blocks: int) -> None:
+    mode, as_float = _before[-blocks]
+    del _before[-blocks:]
+    ca.SX.__float__ = as_float  # type: ignore[method-assign]
+    ca.GlobalOptions.setNumpyMode(mode)
+
+
+_TURNS = Turns(lambda: _put_back(len(_before)) if _before else None)  # the mode is one for all threads
 
 
 @contextmanager
@@ -18,15 +30,15 @@ def numpy_mode() -> Iterator[None]:
 
     But for float(), and the math module: of a symbol CasADi makes NaN, with which every comparison is false, and a branch gone.
     """
-    with _TAKING_TURNS:
-        before, as_float = ca.GlobalOptions.getNumpyMode(), ca.SX.__float__
+    with _TURNS.taken():
+        as_float = ca.SX.__float__
+        _before.append((ca.GlobalOptions.getNumpyMode(), as_float))
         ca.GlobalOptions.setNumpyMode(1)
         ca.SX.__float__ = _as_float(as_float)  # type: ignore[method-assign]
         try:
             yield
         finally:
-            ca.SX.__float__ = as_float  # type: ignore[method-assign]
-            ca.GlobalOptions.setNumpyMode(before)
+            _put_back(1)
 
 
 def _as_float(of_constant: Callable[[Any], float]) -> Callable[[Any], float]:
