@@ -425,6 +425,19 @@ def test_a_scaled_array_keeps_its_shape():
     assert x["y"].shape == (512,)
 
 
+def test_some_entries_of_an_array_are_drawn_each_for_itself():
+    A = np.array([[2.0, 1.0], [1.0, 3.0]])
+    drawn = k1607.Drawn({"x": k1607.Entries(A, (0, slice(None)), k1607.Uniform(5.0, 6.0))}, 64)
+    x = drawn.values(0, 64)["x"]
+    np.testing.assert_array_equal(x[:, 1], np.tile(A[1], (64, 1)))
+    assert len(np.unique(x[:, 0])) == 128
+    assert ((x[:, 0] > 5) & (x[:, 0] < 6)).all()
+    other = k1607.Drawn({"x": k1607.Entries(A, (1, slice(None)), k1607.Uniform(5.0, 6.0))}, 64)
+    assert drawn.identity() != other.identity()
+    with pytest.raises(ValueError, match=r"index: expected an entry of an array \(2, 2\), got \(0, 2\)"):
+        k1607.Entries(A, (0, 2), k1607.Uniform(5.0, 6.0))
+
+
 def test_integers_are_all_alike_often():
     x = k1607.Drawn({"x": k1607.Integers(3, 7)}, 4096).values(0, 4096)["x"]
     assert set(np.unique(x, return_counts=True)[1]) == {1024}

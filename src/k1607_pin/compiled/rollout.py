@@ -17,7 +17,7 @@ import xarray as xr
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import compiler
-from k1607_pin.compiled.closed_loop import ClosedLoop, Setup, Signals, is_of_arm
+from k1607_pin.compiled.closed_loop import ClosedLoop, Setup, Signals, is_of_arm, value_of
 from k1607_pin.compiled.interpreted import WARNING, Interpreter
 from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import Kernel, source
@@ -268,6 +268,10 @@ class Rollouts:
             by_rollout(log, count), self.every * self.period,
         )  # fmt: skip
         return found.assign_attrs(engine=str(self.engine))
+
+    def now(self) -> dict[str, np.ndarray]:
+        """What it varies, as it is where it is not varied."""
+        return {name: value_of(self.setup, name) for name in self.varied}
 
     def plan(self) -> Plan:
         """What all rollouts share."""
