@@ -1,12 +1,20 @@
 """Files written whole or not at all."""
 
+import hashlib
+import json
 import os
 import re
 import tempfile
 from pathlib import Path
+from typing import Any
 
 LEFT = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
 """Name of a file that is being written, and within it the name that it will have"""
+
+
+def checksum(told: Any) -> str:
+    """SHA-256 of what JSON can hold, however it is laid out in a file."""
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 def write_atomically(path: str | os.PathLike[str], content: str | bytes, durable: bool = True) -> Path:

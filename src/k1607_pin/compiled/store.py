@@ -12,6 +12,7 @@ import xarray as xr
 
 from k1607_pin.compiled.chunks import Cut
 from k1607_pin.compiled.store_files import Folder, files_of, made_whole
+from k1607_pin.files import checksum
 
 logger = logging.getLogger(__name__)
 
@@ -93,13 +94,13 @@ class InStore:
         self._store, self._files = store, files_of(str(store))
         self._variables, self._cut = variables, cut
         of = {"format": FORMAT, "of": dict(identity)}
-        seal = hashlib.sha256(_canonical(of)).hexdigest()
+        seal = checksum(of)
         told = {**of, "sha256": seal}
         self._scratch, self._arrays = _created(frame, variables, parameters, cut, told)
         self._fixed = {name: x.to_bytes() for name, x in self._scratch.items()}
         self._fixed[IDENTITY] = self._fixed.pop(IDENTITY)  # last: a store that has it is a whole one
         self._salt = {
-            name: hashlib.sha256(seal.encode() + _canonical(json.loads(self._fixed[f"{name}/.zarray"])))
+            name: hashlib.sha256(f"{seal} {checksum(json.loads(self._fixed[f'{name}/.zarray']))}".encode())
             for name in variables
         } | {MARKS: hashlib.sha256(seal.encode())}
         self._begin(told)
@@ -143,10 +144,7 @@ class InStore:
                 f"store: expected a store of format {FORMAT}, got one of an earlier version, {self._store}, which has no "
                 "checksums; take another folder, or delete this one to run the sweep again"
             )
-        if (
-            found is not None
-            and found.get("sha256") == hashlib.sha256(_canonical(_without_checksum(found))).hexdigest()
-        ):
+        if found is not None and found.get("sha256") == checksum(_without_checksum(found)):
             if found.get("format") != FORMAT:
                 raise ValueError(
                     f"store: expected a store of format {FORMAT}, got format {found.get('format')!r}, {self._store}, made by "
@@ -252,10 +250,6 @@ def _created(
         attributes=dict(told),
     )
     return files, arrays
-
-
-def _canonical(x: Any) -> bytes:
-    return json.dumps(x, sort_keys=True).encode()
 
 
 def _loaded(content: bytes | None) -> dict[str, Any] | None:
