@@ -4,7 +4,7 @@ BIN := .venv/bin
 PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
 OUT ?= out
 
-.PHONY: demo test lint bench notebooks browser clean
+.PHONY: demo test lint lowest bench notebooks browser clean
 
 demo: .venv/demo
 	$(BIN)/k1607 equations
@@ -22,6 +22,10 @@ lint: .venv/lint
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The lower bounds of pyproject.toml, installed in .venv-lowest: run it when a bound or the use of a library changes.
+lowest:
+	PYTHON=$(PYTHON) tests/lowest_versions.sh .venv-lowest
 
 bench: .venv/bench
 	$(BIN)/python benchmarks/bench_kinematics.py
@@ -63,4 +67,4 @@ browser:
 	touch $@
 
 clean:
-	rm -rf .venv $(OUT)
+	rm -rf .venv .venv-lowest $(OUT)

@@ -1,7 +1,9 @@
 """The command line, as a user types it."""
 
 import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,15 +17,17 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from k1607_pin import cli
+from k1607_pin import Drawn, Scaled, Uniform, cli
 from k1607_pin.compiled.build import BuildError
 from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.compiled.workers import WorkersLostError
 from k1607_pin.report.comparison import TROUBLES, compare
 from k1607_pin.report.comparison_figures import table
 from k1607_pin.report.rows import loaded
+from k1607_pin.report.sweeps import parameters_of
 from k1607_pin.simulation.simulate import SimulationError
 
+WITHIN = 600.0  # s; of processes that would otherwise be waited for without end
 ROOT = Path(__file__).parents[1]
 COMMANDS = [command.callback.__name__ for command in cli.app.registered_commands]
 
@@ -242,6 +246,62 @@ def test_sweep_as_json_with_a_store(tmp_path):
         assert told["lost"] == float(found.failed_at.notnull().mean())
 
 
+@pytest.mark.parametrize(
+    ("vary", "said"),
+    [
+        ("K_p=500:5000:3", "(6, 6), not a number: type controller.gains.K_p*=0.5:2:3 to scale it, "
+                           "controller.gains.K_p[0,0]=500:5000:3 for one entry"),
+        ("K_p~uniform:1:2", "type controller.gains.K_p*~uniform:0.5:2 to scale it, controller.gains.K_p[0,0]~uniform:1:2 for"),
+        ("K_p[0]=1:2:3", "expected an entry of controller.gains.K_p, an array (6, 6), got controller.gains.K_p[0]"),
+        ("K_p[0,6]=1:2:3", "expected an entry of controller.gains.K_p"),
+        ("K_p[0,x]=1:2:3", "expected an entry of controller.gains.K_p"),
+        ("K_p[]~normal:1:2", "expected an entry of controller.gains.K_p"),
+        ("K_p[0,0=1:2:3", "name=lower:upper:count"),
+        ("K_p*=1:2:1000000000000000", "name=lower:upper:count"),
+    ],
+)  # fmt: skip
+def test_a_number_for_a_matrix_says_what_of_it(vary, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        parameters_of([f"controller.gains.{vary}"], 4, 0, {"controller.gains.K_p": np.diag(np.arange(1.0, 7))})
+
+
+def test_entries_and_factors_are_what_python_s_are():
+    now = {"K": np.diag([1.0, 2.0, 4.0]), "v": np.array([3.0, 5.0]), "x": np.array(2.0)}
+
+    def values(*texts):
+        made = parameters_of(texts, 4, 1, now)
+        return made.values(0, math.prod(made.dims.values()))
+
+    np.testing.assert_array_equal(values("K*=0.5:2:2")["K"], [0.5 * now["K"], 2 * now["K"]])
+    entry = values("K[0,2]=7:9:3")["K"]
+    np.testing.assert_array_equal(entry[:, 0, 2], [7, 8, 9])
+    entry[:, 0, 2] = 0
+    np.testing.assert_array_equal(entry, np.stack(3 * [now["K"]]))
+    np.testing.assert_array_equal(values("K[1,:]=7:9:2")["K"][:, 1], [[7] * 3, [9] * 3])
+    np.testing.assert_array_equal(values("v[:]=7:9:2")["v"], [[7, 7], [9, 9]])
+    np.testing.assert_array_equal(values("x*=1:2:2")["x"], [2, 4])
+    np.testing.assert_array_equal(values("x=1:2:2")["x"], [1, 2])
+    theirs = Drawn({"K": Scaled(now["K"], Uniform(0.5, 2.0))}, 4, 1).values(0, 4)["K"]
+    np.testing.assert_array_equal(values("K*~uniform:0.5:2")["K"], theirs)
+    one = values("K[0,2]~uniform:7:9")["K"]
+    assert len(set(one[:, 0, 2])) == 4
+    assert one[:, 0, 2].min() > 7
+    np.testing.assert_array_equal(one[:, 1:], np.stack(4 * [now["K"][1:]]))
+    each = Drawn({"v": Uniform(np.full(2, 5.0), np.full(2, 15.0))}, 4, 1).values(0, 4)["v"]
+    np.testing.assert_array_equal(values("v~uniform:5:15")["v"], each)  # a vector's entries are drawn one by one
+    np.testing.assert_array_equal(values("v[:]~uniform:5:15")["v"], each)
+    with pytest.raises(ValueError, match="v is zero, which no factor changes"):
+        parameters_of(["v*=1:2:2"], 4, 0, {"v": np.zeros(2)})
+
+
+def test_sweep_says_what_it_does_not_heed(tmp_path):
+    result = k1607("sweep", "1", "--vary", "controller.gains.K_p*=0.9:1.1:2", "-n", "7", "--seed", "3", "--json")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout)["rollouts"] == 2
+    assert "-n 7 changes nothing: nothing is drawn, and the grid has 2 rollouts" in result.stderr
+    assert "--seed 3 changes nothing" in result.stderr
+
+
 def test_sweep_refuses_what_it_cannot_read():
     assert "name=lower:upper:count" in " ".join(k1607("sweep", "--vary", "plant.viscous=1:2").stderr.split())
     assert "at least one parameter" in " ".join(k1607("sweep").stderr.split())
@@ -279,3 +339,38 @@ def test_view_serves_until_interrupted():
     assert "http://127.0.0.1:" in line
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=600) == 0
+
+
+SWEEP = """
+import signal
+from k1607_pin.cli import main
+from k1607_pin.compiled import sweep
+
+class Store(sweep.InStore):
+    def write(self, k, found):
+        super().write(k, found)
+        print("written", flush=True)
+        signal.pause()  # the workers are in the middle of further chunks
+
+sweep.InStore = Store
+main()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_of_a_sweep_says_how_to_go_on(tmp_path):
+    """After the first of some hundred chunks."""
+    vary = ("--vary", "controller.beta_1=0:1e3:1000000", "--store", str(tmp_path / "s"))
+    command = [sys.executable, "-c", SWEEP, "sweep", "1", *vary]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "written\n", process.communicate(timeout=WITHIN)[1]
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=WITHIN)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "the same command goes on from there" in " ".join(said.split())
+    assert "Traceback" not in said
+    done = len(list((tmp_path / "s" / "sweep" / "done").glob("*.0")))
+    assert done == 1

@@ -14,7 +14,7 @@ from k1607_pin.arm.wrench import Wrench
 from k1607_pin.compiled.batch import batch
 from k1607_pin.compiled.export import export
 from k1607_pin.compiled.rollout import rollout, rollouts
-from k1607_pin.compiled.samples import Drawn, Grid, Integers, Listed, LogUniform, Normal, Scaled, Uniform
+from k1607_pin.compiled.samples import Drawn, Entries, Grid, Integers, Listed, LogUniform, Normal, Scaled, Uniform
 from k1607_pin.compiled.sweep import sweep
 from k1607_pin.compiled.tracer import TracingError
 from k1607_pin.compiled.tune import Tuned, tune
@@ -29,6 +29,7 @@ __all__ = [
     "Arm",
     "CartesianAdaptive",
     "Drawn",
+    "Entries",
     "Grid",
     "Integers",
     "InverseKinematics",

@@ -205,13 +205,139 @@ def test_cc_may_have_options_and_spaces(arm, law, q0, fresh, monkeypatch, tmp_pa
     assert np.isfinite(k1607.rollout(arm, law, q0, **SETTINGS).q.values).all()
 
 
-@pytest.mark.parametrize("asked", ["nowhere-cc", "false"])
-def test_a_cc_that_does_not_build_is_told(fresh, monkeypatch, caplog, asked):
+LOOSE = [
+    "-ffast-math", "-Ofast", "-O3 -Ofast -O2", "-funsafe-math-optimizations", "-ffinite-math-only", "-fassociative-math",
+    "-ffast-math -fno-fast-math", "-ffp-model=fast", "-fp-model fast", "'-ffast-math'", "-fdenormal-fp-math=positive-zero",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        ("nowhere-cc", "there is no nowhere-cc"),
+        ("false", "false"),
+        ("/", "there is no /"),
+        ("gcc '", "No closing quotation"),
+        ('"', "No closing quotation"),
+        ("gcc @nowhere.rsp", "@nowhere.rsp cannot be read: No such file"),
+        ("gcc -fnothing-of-the-kind", "nothing-of-the-kind"),
+        *((f"gcc {option}", "loosens the arithmetic") for option in LOOSE),
+        ("gcc -D__FAST_MATH__", "loose arithmetic: __FAST_MATH__"),
+    ],
+)
+def test_a_cc_that_cannot_be_used_is_told(fresh, monkeypatch, caplog, asked, why):
+    """With the reason, and what is used instead."""
+    used = build.compiler().command[0]
+    asked = asked.replace("gcc", used)  # which may have another name
     monkeypatch.setenv("CC", asked)
     build.compiler.cache_clear()
-    assert build.compiler() is not None
-    assert f"CC={asked} cannot build" in caplog.text
+    assert build.compiler().command[0] == used
+    (told,) = [text for text in caplog.messages if text.startswith("CC=")]
+    assert told.startswith(f"CC={asked} cannot build for this machine: ")
+    assert why in told
+    assert told.endswith(f"; {used} is used")
+    assert build.refused_cc(build.compiler()) == told
+
+
+def test_doctor_tells_of_a_cc_that_cannot_be_used(fresh, monkeypatch):
+    asked = f"{build.compiler().command[0]} -ffast-math"
+    monkeypatch.setenv("CC", asked)
+    build.compiler.cache_clear()
     assert any(f"CC={asked} cannot build" in text for text in diagnose().verdict)
+
+
+@pytest.mark.parametrize("asked", ["", "  ", "gcc", "gcc -O1 -fno-fast-math -frounding-math", "gcc -ffp-model=precise"])
+def test_a_cc_that_asks_for_nothing_loose_is_no_matter(fresh, monkeypatch, asked):
+    monkeypatch.setenv("CC", asked.replace("gcc", build.compiler().command[0]))
+    build.compiler.cache_clear()
+    assert build.compiler()
+    assert "loose" not in build.refused_cc(build.compiler())
+    assert "loosens" not in build.refused_cc(build.compiler())
+
+
+def script(file, text):
+    file.write_text(f"#!/bin/sh\n{text}\n")
+    file.chmod(0o755)
+    return file
+
+
+DENORMALS = """
+static void __attribute__((constructor)) off(void)
+{
+#if defined __SSE__
+  __builtin_ia32_ldmxcsr(__builtin_ia32_stmxcsr() | 0x8040);
+#elif defined __aarch64__
+  unsigned long x;
+  __asm__ volatile("mrs %0, fpcr" : "=r"(x));
+  x |= 1ul << 24;
+  __asm__ volatile("msr fpcr, %0" : : "r"(x));
+#endif
+}
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell script")
+def test_a_wrapper_that_loosens_behind_our_back_is_found_out(fresh, monkeypatch, tmp_path):
+    """What no option says: a macro tells of one, a trial in another process of the other; this process keeps its denormals."""
+    real = build.compiler().command[0]
+    fast = script(tmp_path / "fast", f'exec {real} -ffast-math "$@"')
+    (tmp_path / "off.c").write_text(DENORMALS)
+    flushing = script(
+        tmp_path / "flushing",
+        f'case "$*" in *--version*) exec {real} "$@";; esac; exec {real} "$@" {tmp_path / "off.c"}',
+    )
+    (tmp_path / "options.rsp").write_text("-DMINE=1 @" + str(tmp_path / "inner.rsp"))
+    (tmp_path / "inner.rsp").write_text("'-ffast-math'")
+    (tmp_path / "round.rsp").write_text("@" + str(tmp_path / "round.rsp"))
+    for asked, why in {
+        str(fast): "loose arithmetic",
+        str(flushing): "denormal numbers are zero",
+        f"{real} @{tmp_path / 'options.rsp'}": "-ffast-math loosens",
+        f"{real} @{tmp_path / 'round.rsp'}": "names itself",
+    }.items():
+        monkeypatch.setenv("CC", asked)
+        build.compiler.cache_clear()
+        assert build.compiler().command[0] == real
+        assert why in build.refused_cc(build.compiler()), asked
+        assert 2 * float.fromhex("0x1p-1074") > 0  # denormals are what they were
+
+
+def test_options_of_a_response_file_are_taken(fresh, monkeypatch, tmp_path):
+    (tmp_path / "options.rsp").write_text("-DMINE=1")
+    monkeypatch.chdir(tmp_path)  # it is built in another folder
+    monkeypatch.setenv("CC", f"{build.compiler().command[0]} @options.rsp")
+    build.compiler.cache_clear()
+    assert build.compiler().command[1] == "-DMINE=1"
+
+
+def test_what_was_tried_is_not_tried_again(fresh, monkeypatch):
+    assert build.compiler()
+    monkeypatch.setattr(build, "tried", lambda file: pytest.fail("tried again"))
+    build.compiler.cache_clear()
+    assert build.compiler()
+
+
+def test_a_library_under_another_s_name_is_built_anew(fresh):
+    made = build.compiler()
+    texts = [f"#define W 1\nint number(void) {{ return {k}; }}\n" for k in (3, 4)]
+    names = []
+    for text in texts:
+        before = set(fresh.glob("*.so"))
+        build.library(text, made)
+        names += set(fresh.glob("*.so")) - before
+    for suffix in (".so", ".sha256"):
+        content = names[0].with_suffix(suffix).read_bytes()
+        names[1].with_suffix(suffix).unlink()
+        names[1].with_suffix(suffix).write_bytes(content)
+    assert not build._whole(names[1])
+
+
+def test_a_checksum_of_foreign_bytes_is_no_obstacle(fresh):
+    made = build.compiler()
+    for file in fresh.glob("*.sha256"):
+        file.write_bytes(b"\xff\xfe")
+    build.compiler.cache_clear()
+    assert build.compiler() == made
 
 
 def test_without_a_compiler_what_runs_away_is_the_same(arm, law, q0, fresh, monkeypatch):

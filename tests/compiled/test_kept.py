@@ -172,15 +172,83 @@ def test_a_controller_of_one_s_own_is_traced_every_time(arm, law, q0, folder):
     assert len(list(folder.glob("*.json"))) == 1
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"n": 7}', "null"])
-def test_what_is_damaged_is_made_anew(arm, law, q0, folder, content):
+def damaged(content):
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        at, bit = int(rng.integers(len(content))), 1 << int(rng.integers(8))
+        yield content[:at] + bytes([content[at] ^ bit]) + content[at + 1 :]
+    first, rest = content.split(b"\n", 1)
+    yield from (b"", b"{", b"[]", b"null", content[:-1], content + b" ", rest, first + b"\n", b"\xff" + content)
+    yield b"[" * 100_000
+
+
+def test_what_is_damaged_is_told_and_made_again(arm, law, q0, folder, monkeypatch, caplog):
+    """Each of them, whichever bit it is."""
+    setup = setup_of(law)
+    first = kept.kept(setup, (), {}, ())
+    monkeypatch.setattr(kept, "_made", lambda *a: first)
+    (file,) = folder.glob("*.json")
+    whole = file.read_bytes()
+    for content in damaged(whole):
+        file.write_bytes(content)
+        caplog.clear()
+        assert kept.kept(setup, (), {}, ()) is first
+        assert f"{file} is damaged, and made again" in caplog.text
+        assert file.read_bytes() == whole
+
+
+def test_another_loop_s_file_is_seen(arm, law, q0, folder):
+    """A whole one, under this one's name."""
     setup = setup_of(law)
     first = kept.kept(setup, (), {}, ())
     (file,) = folder.glob("*.json")
-    whole = file.read_text()
-    file.write_text(content)
+    whole = file.read_bytes()
+    kept.kept(setup_of(replace(law, beta_1=2.0)), (), {}, ())
+    (other,) = set(folder.glob("*.json")) - {file}
+    file.write_bytes(other.read_bytes())
     assert dict(kept.kept(setup, (), {}, ()).programs) == dict(first.programs)
-    assert json.loads(file.read_text()) == json.loads(whole)
+    assert file.read_bytes() == whole
+
+
+WRONG = {
+    "an input of many": ("law", "input 1 0", "input 1 5000"),
+    "an input before the first": ("law", "input 1 0", "input 1 -1"),
+    "an input that is none": ("law", "input 1 0", "input 10 0"),
+    "a noise that there is not": ("law", "input 1 0", "input 5 0"),
+    "a later result": ("law", "\nmul 3 ", "\nmul 100000 "),
+    "a result before the first": ("motion", "\nmul ", "\nmul -"),
+    "no operation": ("motion", "\nmul ", "\nmull "),
+    "an operation of one": ("motion", "\nmul ", "\nsin "),
+    "one output less": ("law", "\noutput ", "\noutput\noutput "),
+    "an output that is none": ("initial", "output ", "output 99999 "),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_every_index_is_looked_at(arm, law, q0, folder, wrong):
+    """Whatever the checksum says: as a program of another size would be, read by this code."""
+    setup = setup_of(law)
+    first = kept.kept(setup, (), {}, ())
+    (file,) = folder.glob("*.json")
+    whole = file.read_bytes()
+    found = kept._unsealed(file.name, whole)
+    program, old, new = WRONG[wrong]
+    listing = found["programs"][program]
+    found["programs"][program] = listing.replace(old, new, 1) if old in listing else pytest.fail(f"no {old!r}")
+    with pytest.raises(ValueError, match=rf"{program}: expected"):
+        kept._read(found, setup, None)
+    file.write_bytes(kept._sealed(file.name, found))
+    assert dict(kept.kept(setup, (), {}, ()).programs) == dict(first.programs)
+    assert file.read_bytes() == whole
+
+
+@pytest.mark.parametrize("wrong", [{"n": 8}, {"weights": 5}, {"stages": 0}, {"metrics": [["tau", "sum", [7]]]}])
+def test_sizes_are_the_setup_s(arm, law, q0, folder, wrong):
+    setup = setup_of(law)
+    kept.kept(setup, (), {}, ())
+    (file,) = folder.glob("*.json")
+    with pytest.raises(ValueError, match="closed loop: expected"):
+        kept._read(kept._unsealed(file.name, file.read_bytes()) | wrong, setup, None)
 
 
 def test_a_folder_that_cannot_be_is_no_obstacle(arm, law, monkeypatch, tmp_path):

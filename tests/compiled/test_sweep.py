@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
+import threading
 import tracemalloc
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -22,7 +22,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import k1607_pin as k1607
-from k1607_pin.compiled import store as store_module
 from k1607_pin.compiled import sweep as sweep_module
 from k1607_pin.compiled.chunks import Cut
 from k1607_pin.compiled.rollout import Rollouts, rollouts
@@ -32,6 +31,7 @@ from k1607_pin.report.cases import study_case
 START = np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # as what is written in a notebook is sent
 SPAWN = multiprocessing.get_context("spawn")
+WITHIN = 120.0  # s; of what would otherwise be waited for without end
 DRAWN = k1607.Drawn(
     {"payloads.0.payload.mass": k1607.Uniform(0.0, 9.0), "q0": k1607.Normal(START, np.full(7, 0.02))}, count=150, seed=3
 )
@@ -185,6 +185,91 @@ def test_ctrl_c_keeps_what_is_done(run, expected, tmp_path):
     assert told[0][0] == 20
 
 
+class Interrupting:
+    """Ctrl-C while a worker is at the first piece of a chunk; the piece ends when the workers have been told to stop."""
+
+    def __init__(self, engine, told):
+        self.engine, self.lanes, self.piece, self.told, self.pieces = engine, engine.lanes, 1, told, 0
+
+    def __call__(self, *arguments):
+        self.pieces += 1
+        if self.pieces == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+        assert self.told.wait(WITHIN)
+        self.engine(*arguments)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.parametrize("lent", [False, True])
+def test_ctrl_c_waits_for_a_piece_and_not_for_a_chunk(run, tmp_path, monkeypatch, lent):
+    told, end, compute = threading.Event(), Workers.end_tasks, sweep_module._computed
+    engine = Interrupting(run.engine, told)
+    monkeypatch.setattr(run, "engine", run.engine)  # as it was, afterwards
+
+    def end_tasks(workers):
+        end(workers)
+        told.set()
+
+    def computed(*task):
+        run.engine = engine
+        return compute(*task)
+
+    monkeypatch.setattr(Workers, "end_tasks", end_tasks)
+    monkeypatch.setattr(sweep_module, "_computed", computed)
+    drawn = k1607.Drawn(DRAWN.distributions, 4000)
+    with ThreadPoolExecutor(2) as pool:
+        executor = pool if lent else partial(ThreadPoolExecutor, 2)
+        with pytest.raises(KeyboardInterrupt) as raised:
+            k1607.sweep(run, drawn, chunk=2000, store=tmp_path / "s", executor=executor)
+    assert 1 <= engine.pieces <= 2  # of some hundred a chunk
+    assert "0 of 4,000 rollouts are done" in raised.value.__notes__[0]
+    assert "goes on from there" in raised.value.__notes__[0]
+
+
+LONG = """
+import multiprocessing, sys
+from concurrent.futures import ProcessPoolExecutor
+import numpy as np
+import k1607_pin as k1607
+from k1607_pin.report.cases import study_case
+
+class Pool(ProcessPoolExecutor):
+    def submit(self, *arguments):
+        made = super().submit(*arguments)
+        print("under way", flush=True)
+        return made
+
+def main():
+    study = study_case(1)
+    name = "payloads.0.payload.mass"
+    loop = k1607.rollouts(study.plant, study.law, 200.0, study.law.period, varied=("controller.beta_1",))
+    drawn = k1607.Drawn({"controller.beta_1": k1607.Uniform(0.0, 1.0)}, 10**6)
+    pool = lambda: Pool(2, multiprocessing.get_context("spawn"))
+    k1607.sweep(loop, drawn, study.q0, chunk=50_000, store=sys.argv[1], executor=pool)
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_does_not_wait_for_chunks_of_processes(tmp_path):
+    """Each of which would take many minutes; sent to the sweep alone, so that no worker hears of it but by the sweep."""
+    script = tmp_path / "long.py"
+    script.write_text(LONG)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path / "s")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout.readline() == "under way\n", process.communicate(timeout=WITHIN)[1]
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=WITHIN)
+    finally:
+        process.kill()
+    assert process.returncode != 0
+    assert "0 of 1,000,000 rollouts are done. They are in" in said
+
+
 KILLED = """
 import os, signal, sys
 import k1607_pin as k1607
@@ -216,38 +301,14 @@ def test_a_sweep_that_is_killed_goes_on_in_another_process(tmp_path):
 def test_a_sweep_that_is_killed_while_it_makes_its_store_is_begun_again(run, expected, tmp_path):
     pytest.importorskip("zarr")
     killed = KILLED.replace(
-        "die =", "import zarr; zarr.consolidate_metadata = lambda *_, **__: os.kill(os.getpid(), 9)\ndie ="
+        "die =",
+        "from k1607_pin import files; files.os.replace = lambda old, new: os.kill(os.getpid(), 9)\ndie =",
     )
     assert killed != KILLED
     done = subprocess.run([sys.executable, "-c", killed, str(tmp_path / "s")], capture_output=True, text=True)
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert not (tmp_path / "s").exists()
     same(k1607.sweep(run, DRAWN, chunk=20, store=tmp_path / "s"), expected)
-
-
-def test_two_processes_may_begin_a_store(run, expected, tmp_path, monkeypatch):
-    """The other one is here first, when ours is ready to be put in its place."""
-    pytest.importorskip("zarr")
-    store, make = tmp_path / "s", store_module._create
-
-    def slowly(*arguments):
-        make(*arguments)
-        if not store.exists():
-            make(str(store), *arguments[1:])
-
-    monkeypatch.setattr(store_module, "_create", slowly)
-    same(k1607.sweep(run, DRAWN, chunk=np.int64(50), store=store), expected)
-    same(k1607.sweep(run, DRAWN, chunk=50, store=store, progress=lambda done, *_: done), expected)
-    assert [f.name for f in tmp_path.iterdir()] == ["s"]
-
-
-def test_what_is_left_of_a_store_s_making_is_cleared_away(run, tmp_path):
-    pytest.importorskip("zarr")
-    for name, age in ((".s.old.making", 7200), (".s.new.making", 60)):
-        (tmp_path / name / "s").mkdir(parents=True)
-        os.utime(tmp_path / name, (time.time() - age,) * 2)
-    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
-    assert sorted(f.name for f in tmp_path.iterdir()) == [".s.new.making", "s"]
 
 
 def test_distributions_of_one_median_are_other_sweeps():
@@ -364,6 +425,19 @@ def test_a_scaled_array_keeps_its_shape():
     assert x["y"].shape == (512,)
 
 
+def test_some_entries_of_an_array_are_drawn_each_for_itself():
+    A = np.array([[2.0, 1.0], [1.0, 3.0]])
+    drawn = k1607.Drawn({"x": k1607.Entries(A, (0, slice(None)), k1607.Uniform(5.0, 6.0))}, 64)
+    x = drawn.values(0, 64)["x"]
+    np.testing.assert_array_equal(x[:, 1], np.tile(A[1], (64, 1)))
+    assert len(np.unique(x[:, 0])) == 128
+    assert ((x[:, 0] > 5) & (x[:, 0] < 6)).all()
+    other = k1607.Drawn({"x": k1607.Entries(A, (1, slice(None)), k1607.Uniform(5.0, 6.0))}, 64)
+    assert drawn.identity() != other.identity()
+    with pytest.raises(ValueError, match=r"index: expected an entry of an array \(2, 2\), got \(0, 2\)"):
+        k1607.Entries(A, (0, 2), k1607.Uniform(5.0, 6.0))
+
+
 def test_integers_are_all_alike_often():
     x = k1607.Drawn({"x": k1607.Integers(3, 7)}, 4096).values(0, 4096)["x"]
     assert set(np.unique(x, return_counts=True)[1]) == {1024}
@@ -461,15 +535,6 @@ def test_the_fingerprint_tells_paths_and_payloads_apart():
     assert len({one.rollouts(()).fingerprint() for one in (study, other, later)}) == 3
 
 
-def test_what_a_killed_writer_left_is_cleared_away(run, tmp_path):
-    pytest.importorskip("zarr")
-    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
-    left = tmp_path / "s" / "error_max" / "0.0.partial"
-    left.touch()
-    k1607.sweep(run, DRAWN, chunk=50, store=tmp_path / "s")
-    assert not left.exists()
-
-
 class KilledWorker(Exception):
     """As dask's, which is known by its name."""
 
@@ -489,10 +554,12 @@ def test_workers_that_dask_gives_up_are_asked_again():
 
 def test_default_chunks_are_bounded():
     for count in (1, 100, 10**5, 10**8):
-        chunk = sweep_module._chunk(count, 80)
-        assert 1 <= chunk <= sweep_module.MOST
-        assert chunk * 80 <= sweep_module.CHUNK_BYTES
-    assert sweep_module._chunk(10**8, sweep_module.CHUNK_BYTES) == 1
+        for steps in (1, 4000, 10**8):
+            chunk = sweep_module._chunk(count, 80, steps)
+            assert 1 <= chunk <= sweep_module.MOST
+            assert chunk * 80 <= sweep_module.CHUNK_BYTES
+            assert chunk <= sweep_module.LEAST or chunk * steps <= sweep_module.CHUNK_STEPS
+    assert sweep_module._chunk(10**8, sweep_module.CHUNK_BYTES, 1) == 1
 
 
 @pytest.mark.parametrize(("points", "bits"), [("sobol", 33), ("random", 53)])

@@ -78,10 +78,10 @@ class TestForks:
 
     def test_nor_for_one_that_makes_a_rollout(self):
         def turns():
-            with rollout._TAKING_TURNS, rollout._TAKING_TURNS:
+            with rollout._TURNS.taken(), rollout._TURNS.taken():
                 pass
 
-        with held_by_a_thread(rollout._TAKING_TURNS):
+        with held_by_a_thread(rollout._TURNS.taken()):
             assert in_a_fork(turns)
 
     def test_who_forks_within_goes_on_within(self):

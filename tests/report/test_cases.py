@@ -149,6 +149,22 @@ def test_figures_show_what_they_say(published):
         assert all("[" in axes.get_ylabel() or "(t)" in axes.get_ylabel() for axes in draw(run).axes)
 
 
+def test_no_direction_is_left_out_without_a_word(published):
+    """The worst may be in z, which the report's figures leave out."""
+    _, run = published
+    high = run.copy(deep=True)
+    high["error"].loc[{"direction": "z"}] = 12 * np.abs(run.error.sel(direction=["x", "y"])).max()
+    high["tool_position"].loc[{"axis": "z"}] = run.wanted_position.sel(axis="z") - high.error.sel(direction="z")
+    worst = float(np.abs(high.error).max()) / 0.0254
+    labels = [line.get_label() for line in plots.position_errors(high).axes[0].lines]
+    assert any(f"max {worst:.3g}" in label for label in labels)
+    for draw in (plots.time_histories, plots.position_errors, plots.velocity_errors):
+        labels = " ".join(line.get_label() for line in draw(high).axes[0].lines)
+        assert all(f"{axis}$" in labels or f"{axis}}}$" in labels for axis in "xyz")
+    assert f"z, which is not seen, is off by up to {worst:.3g} in" in plots.tool_path(high).axes[0].get_xlabel()
+    assert all("diagonal" in axes.get_ylabel() for axes in plots.gains(high).axes)
+
+
 @pytest.mark.parametrize("settings", ["report", "recommended"])
 def test_gravity_is_what_was_asked_for(settings):
     options = {} if settings == "report" else {"q0": np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])}

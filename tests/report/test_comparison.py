@@ -94,7 +94,17 @@ def test_rows_of_other_conditions_stay_in_the_file(tmp_path):
     assert list(compare(PD, [2, 1], [0.01], [9.81], TROUBLES[:1], duration=0.3, file=file)) == [circle, line]
 
 
-@pytest.mark.parametrize("text", ["a,b\n1,2\n", "HEAD\nPD + g,1,0.01,9.81,payload,x,0,0,0\n", "HEAD\nPD + g,1\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a,b\n1,2\n",
+        "HEAD\nPD + g,1,0.01,9.81,payload,x,0,0,0\n",
+        "HEAD\nPD + g,1\n",
+        "HEAD\nPD + g,1,0.01,9.81,payload,nan,0,0,0\n",
+        "HEAD\nPD + g,1,0.01,9.81,payload,-1,0,0,0\n",
+        "HEAD\nPD + g,1,0.01,9.81,payload,0,0,0,0,0\n",
+    ],
+)
 def test_a_file_with_something_else_in_it_is_refused_and_left_alone(tmp_path, text):
     file = tmp_path / "rows.csv"
     text = text.replace("HEAD", "law,case,period,gravity,trouble,rms,largest,torque,chatter")

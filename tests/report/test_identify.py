@@ -261,3 +261,71 @@ def test_a_file_that_is_no_search_is_refused(tmp_path):
     file.write_text("[1, 2]")
     with pytest.raises(ValueError, match="not of a search"):
         identify(100, out=file)
+
+
+@pytest.fixture
+def search(tmp_path):
+    """Of two expeditions, and its file."""
+    search = Search(0, True, {"joint_limits": True}, {"start": "anywhere"})
+    for k in range(2):
+        search.expeditions.append(Expedition(-1, 100, 0.5 + k, [1.0, 0.1], [0.25] * 7))
+    search.save(tmp_path / "x.json")
+    return search, tmp_path / "x.json"
+
+
+def again(search):
+    return Search(search.seed, search.limits, search.choices, search.of)
+
+
+def test_a_search_comes_back_from_its_file(search):
+    """Infinities too; and what is left of it where its last expeditions are taken out."""
+    search, file = search
+    found = again(search)
+    found.load(file)
+    assert found == search
+    told = json.loads(file.read_text())
+    del told["expeditions"][1]
+    file.write_text(json.dumps(told))
+    found = again(search)
+    found.load(file)
+    assert found.expeditions == search.expeditions[:1]
+
+
+def test_no_single_bit_of_a_search_s_file_is_taken_for_another_number(search):
+    search, file = search
+    whole, rng, refused = file.read_bytes(), np.random.default_rng(0), []
+    for at, bit in zip(rng.integers(len(whole), size=300), rng.integers(8, size=300), strict=True):
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ (1 << bit)]) + whole[at + 1 :])
+        found = again(search)
+        try:
+            found.load(file)
+        except ValueError as error:
+            refused.append(str(error))
+        else:
+            assert found == search  # a space that is another one
+    assert len(refused) > 100
+    assert all(str(file) in text for text in refused)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\xff\xfe", b"[" * 100_000, b"null", b"{}", b'{"expeditions": 3}', b'{"expeditions": [3]}']
+)
+def test_what_is_no_search_is_named(search, content):
+    search, file = search
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=r"out: .*x\.json is not of a search, or is damaged"):
+        again(search).load(file)
+
+
+def test_expeditions_of_an_earlier_version_or_in_another_order_are_refused(search):
+    search, file = search
+    told = json.loads(file.read_text())
+    told["expeditions"].reverse()
+    file.write_text(json.dumps(told))
+    with pytest.raises(ValueError, match=r"expedition 0 of .*x\.json is damaged"):
+        again(search).load(file)
+    for one in told["expeditions"]:
+        del one["sha256"]
+    file.write_text(json.dumps(told))
+    with pytest.raises(ValueError, match="has no checksum, as an earlier version wrote it"):
+        again(search).load(file)

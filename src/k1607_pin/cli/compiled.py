@@ -1,6 +1,7 @@
 """Compiled rollouts: many of them, searches by them, C for the robot, and what the machine makes of them."""
 
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -94,11 +95,16 @@ def sweep(
         list[str] | None,
         typer.Option(
             help="NAME=LOWER:UPPER:COUNT, a dimension of a grid; or drawn: NAME~uniform:LOWER:UPPER, "
-            "NAME~loguniform:LOWER:UPPER, NAME~normal:MEAN:SIGMA. Again for more parameters; a wrong name tells which there are."
+            "NAME~loguniform:LOWER:UPPER, NAME~normal:MEAN:SIGMA. An array is scaled, NAME*=LOWER:UPPER:COUNT, or NAME[0,0]= "
+            "and the like name its entries, NAME[:] all; so too with ~. Again for more parameters; a wrong name tells which "
+            "there are."
         ),
     ] = None,
-    n: Annotated[int, typer.Option("-n", help="Rollouts drawn, at each point of the grid if there is one.")] = 1024,
-    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
+    n: Annotated[
+        int | None,
+        typer.Option("-n", help="Rollouts drawn, at each point of the grid if there is one; 1024 when left out."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of what is drawn; 0 when left out.")] = None,
     settings: Annotated[
         str, typer.Option(help="report: as published, 10 ms; recommended: ours, 1 kHz, full gravity.")
     ] = "report",
@@ -114,18 +120,28 @@ def sweep(
     Examples:
         k1607 sweep 1 --vary payloads.0.payload.mass=0:9:10 --vary plant.viscous~uniform:5:15 -n 64
         k1607 sweep 1 --vary controller.beta_1=0:1e6:100 --store beta.zarr
+        k1607 sweep 2 --vary controller.gains.K_p*=0.5:2:7 --vary controller.gains.K_d[0,0]=200:800:4
     """
     from concurrent.futures import ThreadPoolExecutor
 
     from k1607_pin.compiled.lanes import processors
+    from k1607_pin.compiled.samples import Grid
     from k1607_pin.compiled.sweep import sweep as run
     from k1607_pin.report.cases import study_case
     from k1607_pin.report.sweeps import QUANTILES, names_of, parameters_of, summary
 
     study = study_case(case, settings)
     loop = study.rollouts(names_of(vary or ()))
-    parameters = parameters_of(vary or (), n, seed, loop.loop.parameters)
+    parameters = parameters_of(vary or (), 1024 if n is None else n, seed or 0, loop.now())
     notes, rate = Console(stderr=True, highlight=False), 0.0
+    if isinstance(parameters, Grid) and parameters.each is None:
+        for option, unused in (("-n", n), ("--seed", seed)):
+            if unused is not None:
+                size = math.prod(parameters.dims.values())
+                notes.print(
+                    f"{option} {unused} changes nothing: nothing is drawn, and the grid has {size:,} rollouts",
+                    soft_wrap=True,
+                )
     columns = ("{task.description}", BarColumn(), "{task.fields[rate]:,.0f} rollouts/s", TimeRemainingColumn())
     try:
         with Progress(*columns, console=notes, transient=True) as bar:
@@ -146,7 +162,9 @@ def sweep(
             )
     except KeyboardInterrupt:
         notes.print(
-            f"stopped; what is done is in {store}, and the same command goes on from there" if store else "stopped"
+            f"stopped; what is done is in {store}, and the same command goes on from there"
+            if store
+            else "stopped; nothing is kept without --store FOLDER"
         )
         raise typer.Exit(130) from None
     rows, lost, counted = summary(found)

@@ -36,12 +36,15 @@ class Cut:
     def _along(self) -> tuple[int, ...]:
         return tuple(-(-size // b) for size, b in zip(self.dims.values(), self.box, strict=True))
 
+    def index(self, k: int) -> dict[str, int]:
+        """Which one along each dimension chunk k is."""
+        return dict(zip(self.dims, map(int, np.unravel_index(k, self._along)), strict=True))
+
     def region(self, k: int) -> dict[str, slice]:
         """Of chunk k, by dimension."""
-        at = np.unravel_index(k, self._along)
         return {
-            name: slice(int(i) * b, min((int(i) + 1) * b, size))
-            for i, b, (name, size) in zip(at, self.box, self.dims.items(), strict=True)
+            name: slice(i * b, min((i + 1) * b, self.dims[name]))
+            for (name, i), b in zip(self.index(k).items(), self.box, strict=True)
         }
 
     def size(self, k: int) -> int:

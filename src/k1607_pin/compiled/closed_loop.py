@@ -9,6 +9,7 @@ import numpy as np
 from k1607_pin.compiled.leaves import Layout, numbers
 from k1607_pin.compiled.program import Program
 from k1607_pin.compiled.tables import Tables
+from k1607_pin.compiled.traced_arm import inertial_parameters
 from k1607_pin.simulation.plant import Plant
 from k1607_pin.simulation.schedule import PayloadSchedule
 
@@ -91,8 +92,8 @@ def is_of_arm(name: str) -> bool:
     return owner == "arm" and kind in ARM
 
 
-def shape_of(setup: Setup, name: str) -> tuple[int, ...]:
-    """Shape of the number called ``name``.
+def value_of(setup: Setup, name: str) -> np.ndarray:
+    """The number called ``name`` as it is where it is not varied.
 
     Raises
     ------
@@ -108,11 +109,18 @@ def shape_of(setup: Setup, name: str) -> tuple[int, ...]:
     }
     if root in roots:
         if is_of_arm(name):
-            n, kind = setup.plant.arm.n, rest.rpartition(".")[2]
-            return {"inertial": (n, 10), "armature": (n,), "gravity": (3,)}[kind]
+            arm, kind = setup.plant.arm, rest.rpartition(".")[2]
+            if kind == "inertial":
+                return inertial_parameters(arm)
+            return arm.armature if kind == "armature" else arm.model.gravity.linear.copy()
         there = numbers(roots[root])
         if rest in there:
-            return there[rest].shape
+            return there[rest]
     known = [f"{r}.{key}" for r, x in roots.items() for key in numbers(x)]
     known += [f"plant.arm.{key}" for key in ARM]
     raise ValueError(f"vary: expected some of {', '.join(known)}, got {name!r}")
+
+
+def shape_of(setup: Setup, name: str) -> tuple[int, ...]:
+    """Shape of the number called ``name``; errors as of `value_of`."""
+    return value_of(setup, name).shape

@@ -71,7 +71,7 @@ def diagnose() -> Diagnosis:
         verdict.append("two lanes alone: the processor has neither AVX2 nor NEON, or K1607_INSTRUCTIONS says so")
     elif step > ENOUGH:
         verdict.append(f"slower than {ENOUGH * 1e9:.0f} ns a step: is the machine busy?")
-    if made and (refused := refused_cc(made)):
+    if refused := refused_cc(made):
         verdict.append(refused)
     if not writable:
         verdict.append(f"{folder} cannot be written: every process builds anew; set K1607_CACHE to a folder that can")

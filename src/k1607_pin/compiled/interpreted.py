@@ -18,6 +18,8 @@ class Interpreter:
     """Stands in for a `Kernel`."""
 
     lanes = 1
+    piece = 100_000
+    """Physics steps that one call does: a second or so, which Ctrl-C waits for"""
 
     def __init__(self, loop: ClosedLoop, rounded_anew: np.random.Generator | None = None) -> None:
         """``rounded_anew``: every operation that rounds gives its result a last place up or down, as this says."""

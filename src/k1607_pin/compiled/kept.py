@@ -1,13 +1,15 @@
 """Traced loops kept in the cache folder, so that another process need not trace them: as JSON, by all that tracing depends on.
 
 That is the content of all objects, the versions of the libraries and this package's own code. Where an object's code is not this
-package's, a controller of one's own say, nothing can be told of it, and nothing is kept.
+package's, a controller of one's own say, nothing can be told of it, and nothing is kept. What is read is what was written, by a
+checksum bound to the file's name, and every index in it is looked at: anything else is told, and made again.
 """
 
 import contextlib
 import gc
 import hashlib
 import json
+import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
@@ -26,9 +28,13 @@ from k1607_pin.compiled.checked import require_same
 from k1607_pin.compiled.closed_loop import ClosedLoop, Setup
 from k1607_pin.compiled.leaves import Layout, is_ours
 from k1607_pin.compiled.program import Node, Program
+from k1607_pin.compiled.sound import require_sound
 from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.traced_loop import traced
+from k1607_pin.compiled.turns import Turns
 from k1607_pin.files import write_atomically
+
+logger = logging.getLogger(__name__)
 
 PACKAGE = "k1607_pin"
 
@@ -55,13 +61,25 @@ def kept(
 @contextlib.contextmanager
 def _no_collection() -> Iterator[None]:
     """Thousands of small objects are made that stay: to look among them for cyclic garbage takes longer than to read them."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
+    with _TURNS.taken():
+        _was.append(gc.isenabled())
+        gc.disable()
+        try:
+            yield
+        finally:
+            _put_back()
+
+
+_was: list[bool] = []
+
+
+def _put_back() -> None:
+    if any(_was):
+        gc.enable()
+    _was.clear()
+
+
+_TURNS = Turns(_put_back)
 
 
 def _kept(setup: Setup, *rest: Any) -> ClosedLoop:
@@ -71,13 +89,36 @@ def _kept(setup: Setup, *rest: Any) -> ClosedLoop:
         return _made(setup, *rest)
     file = cache_folder() / f"{key}.json"
     try:
-        return _read(json.loads(file.read_bytes()), setup, rest[-1])
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError):  # not there, or damaged
-        loop = _made(setup, *rest)
+        content = file.read_bytes()
+    except OSError:
+        content = None
+    if content is not None:
+        try:
+            return _read(_unsealed(file.name, content), setup, rest[-1])
+        except (ValueError, LookupError, TypeError, AttributeError, RuntimeError) as error:
+            logger.warning("%s is damaged, and made again: %s", file, error)
+    loop = _made(setup, *rest)
     # not into a home that may not be written, and no functions that are not where their names say
     with contextlib.suppress(OSError, _UnknownError):
-        write_atomically(file, json.dumps(_written(loop, setup)))
+        write_atomically(file, _sealed(file.name, _written(loop, setup)))
     return loop
+
+
+def _sealed(name: str, told: Any) -> bytes:
+    """A line with the checksum, and the JSON of what is told."""
+    content = json.dumps(told).encode()
+    return _checksum(name, content) + b"\n" + content
+
+
+def _unsealed(name: str, content: bytes) -> Any:
+    checksum, _, rest = content.partition(b"\n")
+    if checksum != _checksum(name, rest):
+        raise ValueError("its checksum is another one")
+    return json.loads(rest)
+
+
+def _checksum(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(f"{name}\0".encode() + content).hexdigest().encode()
 
 
 def _made(setup: Setup, *rest: Any) -> ClosedLoop:
@@ -169,7 +210,7 @@ def _written(loop: ClosedLoop, setup: Setup) -> dict[str, Any]:
 def _read(found: dict[str, Any], setup: Setup, initial_state: Any) -> ClosedLoop:
     still = np.zeros(found["n"])
     state = initial_state if found["state_is_given"] else setup.controller.initial(still, still)
-    return ClosedLoop(
+    loop = ClosedLoop(
         n=found["n"],
         programs={name: _program(x) for name, x in found["programs"].items()},
         law_tables=_tables(found["law_tables"], setup),
@@ -182,6 +223,8 @@ def _read(found: dict[str, Any], setup: Setup, initial_state: Any) -> ClosedLoop
         stages=found["stages"],
         weights=found["weights"],
     )
+    require_sound(loop, setup)
+    return loop
 
 
 def _listing(p: Program) -> str:

@@ -107,6 +107,9 @@ class _Plan(ctypes.Structure):
 class Kernel:
     """The native function of a closed loop: advances blocks of ``lanes`` rollouts."""
 
+    piece = 200_000
+    """Physics steps of a block that one call does: a tenth of a second or so, which Ctrl-C waits for"""
+
     def __init__(self, loop: ClosedLoop, compiler: Compiler) -> None:
         self.lanes = compiler.lanes
         self._compiler, self._loop = compiler, loop

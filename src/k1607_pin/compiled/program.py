@@ -8,6 +8,8 @@ import casadi as ca
 
 _CODES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 TRIVIAL = ("const", "input")
+OPERATIONS = frozenset(_CODES.values()) - {"output"}
+"""All that a node may be"""
 
 
 class Node(NamedTuple):
@@ -52,7 +54,7 @@ def program(f: ca.Function) -> Program:
         elif op == "input":
             node = Node(op, place=(of[0], of[1]))
         else:
-            node = Node(op, tuple(work[i] for i in of[: 1 if op in _UNARY else 2]))
+            node = Node(op, tuple(work[i] for i in of[: takes(op)]))
         work[into[0]] = len(nodes)
         nodes.append(node)
     return simplified(Program(tuple(nodes), tuple(map(tuple, outputs))))
@@ -62,6 +64,11 @@ _UNARY = {
     "neg", "exp", "log", "sqrt", "sq", "twice", "sin", "cos", "tan", "asin", "acos", "atan", "not", "floor", "ceil", "fabs",
     "sign", "erf", "inv", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "assign", "log1p", "expm1",
 }  # fmt: skip
+
+
+def takes(op: str) -> int:
+    """How many results an operation takes."""
+    return 0 if op in TRIVIAL else 1 if op in _UNARY else 2
 
 
 def simplified(p: Program) -> Program:

@@ -18,7 +18,7 @@ import xarray as xr
 from k1607_pin.arguments import as_floats
 from k1607_pin.arm.arm import Arm
 from k1607_pin.compiled.build import compiler
-from k1607_pin.compiled.closed_loop import ClosedLoop, Setup, Signals
+from k1607_pin.compiled.closed_loop import ClosedLoop, Setup, Signals, value_of
 from k1607_pin.compiled.interpreted import WARNING, Interpreter
 from k1607_pin.compiled.kept import kept
 from k1607_pin.compiled.kernel import Kernel, source
@@ -153,7 +153,7 @@ def rollouts(
     times = (duration, control_period, physics_step, from_rest, every, tuple(signals or ()))
     content = tuple((name, x.shape, x.tobytes()) for one in objects for name, x in numbers(one).items())
     key = (tuple(map(id, objects)), content, times, tuple(varied), tuple(metrics.items()), tuple(log))
-    with _TAKING_TURNS:
+    with _TURNS.taken():
         found = _recent.get(key)
         if found and all(map(lasts, objects)):
             _recent.move_to_end(key)
@@ -169,10 +169,9 @@ def rollouts(
 
 
 TIMES = re.compile(r"controller\.(.*\.)?period|payloads\.\d+\.(time|ramp)")
-PIECE = 2_000_000  # physics steps of a block that the native function does in one call: half a second or so
 RECENT = 8  # traced loops that are kept for the next call
 _recent: OrderedDict[Any, tuple["Rollouts", Any]] = OrderedDict()
-_TAKING_TURNS = Turns()
+_TURNS = Turns()
 
 
 def forget() -> None:
@@ -310,6 +309,10 @@ class Rollouts:
         )
         require_rollouts(count, 8 * (taken + 2 * given))
 
+    def now(self) -> dict[str, np.ndarray]:
+        """What it varies, as it is where it is not varied."""
+        return {name: value_of(self.setup, name) for name in self.varied}
+
     def plan(self) -> Plan:
         """What all rollouts share."""
         rows = self.samples // self.every + 1 if self.logged else 0
@@ -323,7 +326,7 @@ class Rollouts:
         threads = threads or processors()
         steps = blocks * plan.ticks * plan.substeps * self.loop.stages
         # so that nobody waits long for the last one, nor for Ctrl-C
-        count = max(4 * threads if threads > 1 else 1, 20 if progress else 1, -(-steps // PIECE))
+        count = max(4 * threads if threads > 1 else 1, -(-steps // self.engine.piece))
         edges = np.unique(np.linspace(0, blocks, min(blocks, count) + 1).astype(int))
         pieces = [slice(a, b) for a, b in pairwise(edges)]
         if threads == 1 or len(pieces) == 1:

@@ -120,6 +120,32 @@ class Scaled:
 
 
 @dataclass(frozen=True, eq=False)
+class Entries:
+    """An array with some of its entries drawn, each for itself: one gain of a matrix, say."""
+
+    array: Any
+    index: Any
+    """Which, as NumPy has it: (0, 0), or slice(None) for all"""
+    each: Distribution
+
+    def __post_init__(self) -> None:
+        array = _array("array", self.array)
+        try:
+            array[self.index]
+        except (IndexError, TypeError, ValueError):
+            raise ValueError(f"index: expected an entry of an array {array.shape}, got {self.index!r}") from None
+
+    def ppf(self, u: Any) -> Any:
+        """See `Distribution`."""
+        array, u = np.asarray(self.array, dtype=float), np.asarray(u)
+        u = np.broadcast_to(u, np.broadcast_shapes(u.shape, array.shape))
+        out = np.broadcast_to(array, u.shape).copy()
+        index = self.index if isinstance(self.index, tuple) else (self.index,)
+        out[(..., *index)] = self.each.ppf(u[(..., *index)])
+        return out
+
+
+@dataclass(frozen=True, eq=False)
 class Listed:
     """Rollouts one by one: name -> (N, ...) values of each parameter."""
 

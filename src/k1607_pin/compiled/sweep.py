@@ -3,7 +3,6 @@
 import math
 import os
 import pickle
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -20,14 +19,16 @@ from k1607_pin.compiled.lanes import processors
 from k1607_pin.compiled.rollout import Rollouts
 from k1607_pin.compiled.samples import Drawn, Grid, Listed, digest
 from k1607_pin.compiled.store import InMemory, InStore, Variable
-from k1607_pin.compiled.workers import Task, Workers
+from k1607_pin.compiled.turns import Turns
+from k1607_pin.compiled.workers import Task, Workers, go_on_unless
 
 Samples = Grid | Listed | Drawn
 
 IN_MEMORY = 2**30
 """Bytes of results above which a store is asked for"""
-LEAST, MOST, CHUNKS, CHUNK_BYTES = 64, 16384, 64, 2**24
-"""The default chunk: no fewer and no more rollouts, so small that there are so many chunks, no more bytes"""
+LEAST, MOST, CHUNKS, CHUNK_BYTES, CHUNK_STEPS = 64, 16384, 64, 2**24, 2**24
+"""The default chunk: no fewer and no more rollouts, so small that there are so many chunks, no more bytes and physics steps: an
+interruption loses a second or so of each worker's time"""
 
 Progress = Callable[[int, int, float, float], None]
 """Rollouts done and wanted, rollouts per second of this call, seconds left"""
@@ -87,10 +88,10 @@ def sweep(
     size = sum(x.size for x in variables.values())
     if store is None and size > IN_MEMORY:
         raise ValueError(f"store: expected a folder for results of {size / 2**30:.1f} GiB, got None")
-    cut = Cut.of(parameters.dims, int(chunk) if chunk else _chunk(count, size // count))
+    cut = Cut.of(parameters.dims, int(chunk) if chunk else _chunk(count, size // count, loop.samples * loop.substeps))
     frame = sample.drop_vars(list(sample.data_vars))
     if store is None:
-        kept: InMemory | InStore = InMemory(frame, variables, parameters.along, cut.count)
+        kept: InMemory | InStore = InMemory(frame, variables, parameters.along, cut)
     else:
         identity = {
             "closed loop": loop.fingerprint(),
@@ -102,16 +103,22 @@ def sweep(
             **parameters.identity(),
         }
         kept = InStore(os.fspath(store), frame, variables, parameters.along, cut, identity)
-    with Workers(executor or partial(ThreadPoolExecutor, processors())) as workers:
-        work = (None if isinstance(parameters, Listed) else parameters), fixed
-        sent = (loop, *work) if workers.in_threads else _packed((run, *work))
-        told = _Told(progress, count, sum(cut.size(int(k)) for k in np.flatnonzero(kept.done)))
-        with closing(workers.results(_computed, _tasks(cut, kept.done, sent, parameters), ahead)) as results:
-            for k, arrays in results:
-                for name, x in arrays.items():
-                    cut.write(k, kept.arrays[name], variables[name].dims, x)
-                kept.mark(k)
-                told(cut.size(k))
+    told = _Told(progress, count, sum(cut.size(int(k)) for k in np.flatnonzero(kept.done)))
+    try:
+        with Workers(executor or partial(ThreadPoolExecutor, processors())) as workers:
+            work = (None if isinstance(parameters, Listed) else parameters), fixed
+            sent = (loop, *work) if workers.in_threads else _packed((run, *work))
+            tasks = _tasks(cut, kept.done, sent, parameters, workers.halt)
+            with closing(workers.results(_computed, tasks, ahead)) as results:
+                for k, arrays in results:
+                    kept.write(k, arrays)
+                    told(cut.size(k))
+    except KeyboardInterrupt as interruption:
+        where = (
+            f"are in {store}, and the same call goes on from there" if store is not None else "are lost: give a store"
+        )
+        interruption.add_note(f"sweep: stopped; {told.done:,} of {count:,} rollouts are done. They {where}")
+        raise
     return kept.opened()
 
 
@@ -119,43 +126,45 @@ class _Told:
     """Progress, and how fast it is."""
 
     def __init__(self, progress: Progress | None, total: int, done: int) -> None:
-        self._progress, self._total, self._before, self._done = progress, total, done, done
+        self._progress, self._total, self._before, self.done = progress, total, done, done
         self._start = time.monotonic()
         if done:
             self(0)
 
     def __call__(self, more: int) -> None:
-        self._done += more
-        rate = (self._done - self._before) / max(time.monotonic() - self._start, 1e-9)
-        missing = self._total - self._done
+        self.done += more
+        rate = (self.done - self._before) / max(time.monotonic() - self._start, 1e-9)
+        missing = self._total - self.done
         left = missing / rate if rate else math.inf if missing else 0.0
         if self._progress:
-            self._progress(self._done, self._total, rate, left)
+            self._progress(self.done, self._total, rate, left)
 
 
-def _tasks(cut: Cut, done: np.ndarray, sent: Any, parameters: Samples) -> Iterator[Task]:
+def _tasks(cut: Cut, done: np.ndarray, sent: Any, parameters: Samples, halt: str) -> Iterator[Task]:
     for k in range(cut.count):
         if not done[k]:
             start, stop = cut.stretch(k)
             # of a list, only the stretch: a long one is not to be sent again and again
             listed = parameters.values(start, stop) if isinstance(parameters, Listed) else None
-            yield k, (sent, start, stop, listed)
+            yield k, (sent, start, stop, listed, halt)
 
 
-def _computed(sent: Any, start: int, stop: int, listed: Mapping[str, np.ndarray] | None) -> dict[str, np.ndarray]:
+def _computed(
+    sent: Any, start: int, stop: int, listed: Mapping[str, np.ndarray] | None, halt: str
+) -> dict[str, np.ndarray]:
     """Parameters and results of a chunk; runs in the worker."""
     loop, parameters, fixed = _unpacked(sent) if isinstance(sent, bytes) else sent
     values = parameters.values(start, stop) if listed is None else listed
-    found = _rollouts(loop.run, fixed, values)
+    found = _rollouts(loop.run, fixed, values, lambda _: go_on_unless(halt))
     return {**values, **{str(name): x.values for name, x in found.data_vars.items()}}
 
 
 def _rollouts(
-    loop: Callable[..., xr.Dataset], fixed: Mapping[str, Any], values: Mapping[str, np.ndarray]
+    loop: Callable[..., xr.Dataset], fixed: Mapping[str, Any], values: Mapping[str, np.ndarray], piece_done: Any = None
 ) -> xr.Dataset:
     given = {**fixed, **values}
     q0, v0 = given.pop("q0"), given.pop("v0")
-    return loop(q0, v0, given, threads=1)
+    return loop(q0, v0, given, threads=1, progress=piece_done)
 
 
 def _packed(work: Any) -> bytes:
@@ -172,11 +181,11 @@ def _packed(work: Any) -> bytes:
         ) from error
 
 
-_ONE_AT_A_TIME = threading.Lock()
+_TURNS = Turns()
 
 
 def _unpacked(work: bytes) -> Any:
-    with _ONE_AT_A_TIME:  # a worker of many threads makes the closed loop once
+    with _TURNS.taken():  # a worker of many threads makes the closed loop once
         return _made(work)
 
 
@@ -201,8 +210,9 @@ def _variables(sample: xr.Dataset, parameters: Samples) -> dict[str, Variable]:
     return made
 
 
-def _chunk(count: int, size: int) -> int:
-    return max(1, min(max(LEAST, -(-count // CHUNKS)), MOST, CHUNK_BYTES // size))
+def _chunk(count: int, size: int, steps: int) -> int:
+    """Rollouts of a chunk, where there are ``count``, of ``size`` bytes and so many physics ``steps`` each."""
+    return max(1, min(max(LEAST, -(-count // CHUNKS)), MOST, CHUNK_BYTES // size, max(LEAST, CHUNK_STEPS // steps)))
 
 
 def _require(

@@ -10,18 +10,18 @@ import numpy as np
 from k1607_pin.compiled.turns import Turns
 
 Shape = tuple[int, ...]
-_OUTSIDE: list[tuple[int, Any]] = []
-"""What `numpy_mode` found before it, of each nesting"""
+_before: list[tuple[int, Any]] = []
+"""What the blocks of `numpy_mode` under way, the outermost first, have found"""
 
 
-def _put_back() -> None:
-    while _OUTSIDE:
-        mode, as_float = _OUTSIDE.pop()
-        ca.SX.__float__ = as_float  # type: ignore[method-assign]
-        ca.GlobalOptions.setNumpyMode(mode)
+def _put_back(blocks: int) -> None:
+    mode, as_float = _before[-blocks]
+    del _before[-blocks:]
+    ca.SX.__float__ = as_float  # type: ignore[method-assign]
+    ca.GlobalOptions.setNumpyMode(mode)
 
 
-_TAKING_TURNS = Turns(_put_back)  # the mode is one for all threads
+_TURNS = Turns(lambda: _put_back(len(_before)) if _before else None)  # the mode is one for all threads
 
 
 @contextmanager
@@ -30,17 +30,15 @@ def numpy_mode() -> Iterator[None]:
 
     But for float(), and the math module: of a symbol CasADi makes NaN, with which every comparison is false, and a branch gone.
     """
-    with _TAKING_TURNS:
-        before, as_float = ca.GlobalOptions.getNumpyMode(), ca.SX.__float__
-        _OUTSIDE.append((before, as_float))
+    with _TURNS.taken():
+        as_float = ca.SX.__float__
+        _before.append((ca.GlobalOptions.getNumpyMode(), as_float))
         ca.GlobalOptions.setNumpyMode(1)
         ca.SX.__float__ = _as_float(as_float)  # type: ignore[method-assign]
         try:
             yield
         finally:
-            ca.SX.__float__ = as_float  # type: ignore[method-assign]
-            ca.GlobalOptions.setNumpyMode(before)
-            _OUTSIDE.pop()
+            _put_back(1)
 
 
 def _as_float(of_constant: Callable[[Any], float]) -> Callable[[Any], float]:

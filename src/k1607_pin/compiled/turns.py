@@ -1,33 +1,38 @@
-"""One thread at a time, and a forked process that does not wait for a thread that it has not got."""
+"""Locks, and other things of the whole process, that a fork does not leave in the child as another thread had them."""
 
 import os
 import threading
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 
 class Turns:
-    """A reentrant lock. In a process that was forked while another thread held it, it is free.
+    """A lock that threads take in turns. In a process that is forked meanwhile it is free: the thread that had it is not there.
 
-    ``freed`` is called there, to undo what that thread had begun. A module's own: it is never let go of.
+    Parameters
+    ----------
+    put_back : called in such a child, for what a thread that had the lock, if one had, would have done at its end.
     """
 
-    def __init__(self, freed: Callable[[], Any] = lambda: None) -> None:
-        self._lock, self._holder, self._depth, self._freed = threading.RLock(), 0, 0, freed
+    def __init__(self, put_back: Callable[[], object] | None = None) -> None:
+        self._put_back = put_back
+        self._lock, self._owner = threading.RLock(), 0
         if hasattr(os, "register_at_fork"):
-            os.register_at_fork(after_in_child=self._forked)
+            os.register_at_fork(after_in_child=self._after_fork)
 
-    def __enter__(self) -> None:
-        self._lock.acquire()
-        self._holder, self._depth = threading.get_ident(), self._depth + 1
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """The block has the lock; again within itself, too."""
+        lock = self._lock  # which a fork in this thread does not take from it
+        with lock:
+            before, self._owner = self._owner, threading.get_ident()
+            try:
+                yield
+            finally:
+                self._owner = before
 
-    def __exit__(self, *_: object) -> None:
-        self._depth -= 1
-        self._lock.release()
-
-    def _forked(self) -> None:
-        if self._holder == threading.get_ident() and self._depth:
-            return  # the thread that forked goes on in the child, and gives it back
-        was, self._lock, self._depth = self._depth, threading.RLock(), 0
-        if was:
-            self._freed()
+    def _after_fork(self) -> None:
+        if self._owner != threading.get_ident():
+            self._lock, self._owner = threading.RLock(), 0
+            if self._put_back:
+                self._put_back()

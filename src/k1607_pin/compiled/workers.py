@@ -1,8 +1,22 @@
-"""Tasks on any executor: a bounded number ahead, given out again when their worker dies."""
+"""Tasks on any executor: a bounded number ahead, given out again when their worker dies, ended when nobody waits."""
 
+import atexit
+import contextlib
+import os
+import tempfile
+import uuid
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -20,24 +34,52 @@ class WorkersLostError(RuntimeError):
     """Workers died again and again, or for good."""
 
 
+def go_on_unless(halt: str) -> None:
+    """Called by a task again and again: ends it where `Workers.halt` says so, by a file that threads and processes see alike.
+
+    Raises
+    ------
+    CancelledError
+        Nobody waits for the task any more.
+    """
+    if os.path.exists(halt):
+        raise CancelledError("nobody waits for this task any more")
+
+
 class Workers:
-    """An executor, or a function that makes one: made anew when it breaks, and shut down at the end."""
+    """An executor, or a function that makes one: made anew when it breaks, and shut down at the end.
+
+    Attributes
+    ----------
+    halt : for `go_on_unless`.
+    """
 
     def __init__(self, executor: Executor | Callable[[], Executor]) -> None:
         self._make = None if isinstance(executor, Executor) else executor
         self._pool = executor if isinstance(executor, Executor) else executor()
+        self.halt = os.path.join(tempfile.gettempdir(), f"k1607-halt-{uuid.uuid4().hex}")
 
     def __enter__(self) -> "Workers":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if kind is not None:
+            self.end_tasks()
         if self._make:
             self._pool.shutdown(cancel_futures=True)
+            _remove(self.halt)
+        elif kind is not None:
+            atexit.register(_remove, self.halt)  # tasks of a lent executor may look at it until it is shut down
 
     @property
     def in_threads(self) -> bool:
         """Whether they share this process's memory."""
         return isinstance(self._pool, ThreadPoolExecutor)
+
+    def end_tasks(self) -> None:
+        """Have the tasks under way end at their next `go_on_unless`."""
+        with contextlib.suppress(OSError):  # then they end when they are done
+            Path(self.halt).touch()
 
     def results(
         self, function: Callable[..., Any], tasks: Iterable[Task], ahead: int | None
@@ -94,3 +136,8 @@ class Workers:
             ) from error
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool = self._make()
+
+
+def _remove(file: str) -> None:
+    with contextlib.suppress(OSError):
+        os.unlink(file)

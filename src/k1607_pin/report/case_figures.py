@@ -52,9 +52,12 @@ def draw(runs: Runs, progress: Callable[[str], None]) -> tuple[dict[str, Figure]
     for number, name in CASES.items():
         study, run = runs[number, "report"]
         first = 15 if number == 1 else 19
-        as_in_report = (plots.time_histories, plots.position_errors, plots.velocity_errors, plots.tool_path)
-        for k, plot in enumerate(as_in_report, first):
-            figures[f"figure-{k}"] = plot(run, f"Figure {k}: {name}")
+        over_time = (plots.time_histories, plots.position_errors, plots.velocity_errors)
+        for k, plot in enumerate(over_time, first):
+            figures[f"figure-{k}"] = plot(
+                run, f"Figure {k}: {name}", "xy"
+            )  # as in the report; z is in the other errors
+        figures[f"figure-{first + 3}"] = plots.tool_path(run, f"Figure {first + 3}: {name}")
         figures[f"case-{number}-other-errors"] = plots.other_errors(
             run, f"Case {number}, {name}: the errors called negligible"
         )
@@ -66,7 +69,7 @@ def draw(runs: Runs, progress: Callable[[str], None]) -> tuple[dict[str, Figure]
         premise[number] = float(holds.mean()), float(holds.time[int(np.argmin(holds.values))])
         figures[f"case-{number}-lyapunov"] = plots.lyapunov_rate(analysis, f"Case {number}, {name}: (56) on the arm")
         figures[f"case-{number}-recommended"] = plots.position_errors(
-            runs[number, "recommended"][1], f"Case {number}, {name}: 1 kHz, full gravity", "xyz"
+            runs[number, "recommended"][1], f"Case {number}, {name}: 1 kHz, full gravity"
         )
     progress("stability map")
     arm = load_k1607(gravity=(0.0, 0.0, 0.0))

@@ -10,7 +10,7 @@ import numpy as np
 
 from k1607_pin import data
 from k1607_pin.compiled.samples import digest
-from k1607_pin.files import write_atomically
+from k1607_pin.files import checksum, write_atomically
 from k1607_pin.report.candidates import Candidates, accepted, worth
 from k1607_pin.report.cma import EvolutionStrategy
 from k1607_pin.report.starts import posture_somewhere, start_of, starts
@@ -78,9 +78,11 @@ class Search:
         return min(self.expeditions, key=lambda one: (not one.firm, one.worth))
 
     def save(self, file: Path | None) -> None:
-        """As JSON, whole or not at all."""
+        """As JSON, whole or not at all; each expedition with a checksum, bound to the search and to its number."""
         if file is not None:
-            write_atomically(file, json.dumps(asdict(self), indent=1))
+            told = asdict(self)
+            told["expeditions"] = [x | {"sha256": self._checksum(k, x)} for k, x in enumerate(told["expeditions"])]
+            write_atomically(file, json.dumps(told, indent=1))
 
     def load(self, file: Path | None) -> None:
         """Expeditions of a file, if there is one.
@@ -88,19 +90,30 @@ class Search:
         Raises
         ------
         ValueError
-            The file is of another search, or none.
+            The file is of another search, or none, or damaged.
         """
         if file is None or not file.exists():
             return
         try:
-            told = json.loads(file.read_text())
-            expeditions = [Expedition(**one) for one in told.pop("expeditions")]
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"out: {file} is not of a search: {error}") from None
-        mine = {"seed": self.seed, "limits": self.limits, "choices": self.choices, "of": self.of}
-        if told != mine:
-            raise ValueError(f"out: {file} is of another search, {told}, not {mine}; take another file")
+            told = json.loads(file.read_bytes())
+            found = [(one.pop("sha256", None), one) for one in told.pop("expeditions")]
+            expeditions = [Expedition(**one) for _, one in found]
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise ValueError(f"out: {file} is not of a search, or is damaged: {error}") from None
+        if told != self._is:
+            raise ValueError(f"out: {file} is of another search, {told}, not {self._is}; take another file")
+        for k, (sum_of, one) in enumerate(found):
+            if sum_of != self._checksum(k, one):
+                why = "is damaged" if sum_of else "has no checksum, as an earlier version wrote it"
+                raise ValueError(f"out: expedition {k} of {file} {why}; take another file, or delete it to begin anew")
         self.expeditions = expeditions
+
+    @property
+    def _is(self) -> dict[str, Any]:
+        return {"seed": self.seed, "limits": self.limits, "choices": self.choices, "of": self.of}
+
+    def _checksum(self, k: int, expedition: Mapping[str, Any]) -> str:
+        return checksum([self._is, k, dict(expedition)])
 
 
 def identify(

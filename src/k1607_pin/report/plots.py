@@ -1,4 +1,7 @@
-"""Plots of a controlled run, one function a figure: desired dashed, actual solid, the payload's time shaded."""
+"""Plots of a controlled run, one function a figure: desired dashed, actual solid, the payload's time shaded.
+
+``axes_shown`` are the base's axes that are drawn; the report's figures have x and y alone.
+"""
 
 from typing import Any
 
@@ -14,7 +17,7 @@ COLOURS = {"x": INK, "y": RED, "z": GREEN}
 PAYLOAD = "#f2e3bd"
 
 
-def time_histories(run: xr.Dataset, title: str = "", axes_shown: str = "xy") -> Figure:
+def time_histories(run: xr.Dataset, title: str = "", axes_shown: str = "xyz") -> Figure:
     """Tool position over time, desired and actual, in; figures 15 and 19."""
     figure, axes = _axes(run, title, "position [in]")
     for name in axes_shown:
@@ -25,18 +28,18 @@ def time_histories(run: xr.Dataset, title: str = "", axes_shown: str = "xy") -> 
     return figure
 
 
-def position_errors(run: xr.Dataset, title: str = "", axes_shown: str = "xy") -> Figure:
+def position_errors(run: xr.Dataset, title: str = "", axes_shown: str = "xyz") -> Figure:
     """Desired less actual tool position over time, in; figures 16 and 20."""
     return _errors(run, run.error, title, axes_shown, "error of {}", "position error [in]", "in")
 
 
-def velocity_errors(run: xr.Dataset, title: str = "", axes_shown: str = "xy") -> Figure:
+def velocity_errors(run: xr.Dataset, title: str = "", axes_shown: str = "xyz") -> Figure:
     """Desired less actual tool velocity over time, in/s; figures 17 and 21."""
     return _errors(run, run.error_rate, title, axes_shown, r"error of $\dot {}$", "velocity error [in/s]", "in/s")
 
 
 def tool_path(run: xr.Dataset, title: str = "") -> Figure:
-    """The tool's path seen from above, desired and actual, in; figures 18 and 22."""
+    """The tool's path seen from above, desired and actual, in, and in words how far it is off in z; figures 18 and 22."""
     figure = Figure(figsize=(5.2, 5.0), layout="constrained")
     axes = figure.subplots()
     wanted, actual = (run[name].values[:, :2] / INCH for name in ("wanted_position", "tool_position"))
@@ -46,7 +49,8 @@ def tool_path(run: xr.Dataset, title: str = "") -> Figure:
     axes.plot(*actual.T, color=INK, lw=1.6, label="actual")
     axes.plot(*wanted.T, "--", color=RED, lw=1.1, label="desired")
     axes.plot(*actual[0], "o", color=INK, ms=5)
-    axes.set(xlabel="x [in]", ylabel="y [in]", aspect="equal")
+    height = float(np.abs(run.wanted_position.sel(axis="z") - run.tool_position.sel(axis="z")).max()) / INCH
+    axes.set(xlabel=f"x [in]; z, which is not seen, is off by up to {height:.3g} in", ylabel="y [in]", aspect="equal")
     axes.set_title(title, fontsize=11, loc="right")
     axes.margins(0.12)
     axes.grid(True, lw=0.3, color="#dddddd")
@@ -88,7 +92,7 @@ def gains(run: xr.Dataset, title: str = "") -> Figure:
             axes.plot(
                 run.time, diagonal[:, k + 3] / start[k + 3], ":", color=colour, lw=1.4, label=f"about {direction}"
             )
-        axes.set_ylabel(f"${name}(t) / {name}(0)$")
+        axes.set_ylabel(f"diagonal of ${name}(t) / {name}(0)$")
         axes.ticklabel_format(useOffset=False)
         axes.margins(x=0)
         axes.spines[["top", "right"]].set_visible(False)

@@ -48,21 +48,30 @@ def loaded(file: str | Path) -> list[Row]:
     ValueError
         Something else is in it.
     """
-    text = Path(file).read_text(encoding="utf-8")
+    try:
+        text = Path(file).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"file: expected {file} to be a comparison's, got {error}") from None
     names = [field.name for field in fields(Row)]
     whole = text[: text.rfind("\n") + 1]
     reader = csv.DictReader(io.StringIO(whole))
-    if whole and reader.fieldnames != names:
-        raise ValueError(f"file: expected {file} to have the columns {','.join(names)}, got {reader.fieldnames}")
+    try:
+        columns, lines = reader.fieldnames, list(reader)
+    except csv.Error as error:
+        raise ValueError(f"file: expected {file} to be a comparison's, got {error}") from None
+    if whole and columns != names:
+        raise ValueError(f"file: expected {file} to have the columns {','.join(names)}, got {columns}")
     rows = []
-    for row in reader:
+    for number, row in enumerate(lines, start=2):
         try:
-            numbers = (float(row[name]) for name in ("rms", "largest", "torque", "chatter"))
+            numbers = [float(row[name]) for name in ("rms", "largest", "torque", "chatter")]
+            if None in row or not (numbers[0] >= 0 and numbers[1] >= 0) or min(numbers[2:]) < 0:  # more columns; NaN
+                raise ValueError
             condition = row["law"], int(row["case"]), float(row["period"]), float(row["gravity"]), row["trouble"]
             rows.append(Row(*condition, *numbers))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(
-                f"file: expected line {reader.line_num} of {file} to be a run's, got {list(row.values())}"
+                f"file: expected line {number} of {file} to be a run's, got {list(row.values())}"
             ) from None
     return rows
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from k1607_pin.compiled.samples import Distribution, Drawn, Grid, LogUniform, Normal, Uniform
+from k1607_pin.compiled.samples import Distribution, Drawn, Entries, Grid, LogUniform, Normal, Scaled, Uniform
 
 DISTRIBUTIONS: dict[str, Callable[..., Distribution]] = {
     "uniform": Uniform,
@@ -27,16 +27,20 @@ QUANTITIES = (
 
 def names_of(texts: Sequence[str]) -> tuple[str, ...]:
     """The parameters that the texts of `parameters_of` are about."""
-    return tuple(re.split("[=~]", text)[0] for text in texts)
+    return tuple(re.split(r"[=~*\[]", text)[0] for text in texts)
 
 
-def parameters_of(texts: Sequence[str], count: int, seed: int, shapes: Mapping[str, tuple[int, ...]]) -> Grid | Drawn:
+def parameters_of(texts: Sequence[str], count: int, seed: int, now: Mapping[str, np.ndarray]) -> Grid | Drawn:
     """What ``texts`` say: "name=lower:upper:count" for a grid, "name~normal:mean:sigma" and the like for what is drawn.
+
+    An array is scaled, "name*=0.5:2:7" or "name*~uniform:0.5:2", or some of its entries are named, "name[0,0]=500:5000:3", all
+    of them by "name[:]", the others staying what they are. A vector without either is drawn entry by entry; everything else is
+    refused, as it is where values are arrays.
 
     Parameters
     ----------
     count : rollouts drawn, at each point of the grid if there is one; by Sobol's points of ``seed``.
-    shapes : of the parameters. All numbers of an array are the same on a grid, and drawn each for itself.
+    now : each parameter as it is where it is not varied.
 
     Raises
     ------
@@ -50,22 +54,82 @@ def parameters_of(texts: Sequence[str], count: int, seed: int, shapes: Mapping[s
     axes: dict[str, np.ndarray] = {}
     drawn: dict[str, Distribution] = {}
     for text, name in zip(texts, names_of(texts), strict=True):
+        found = TEXT.fullmatch(text[len(name) :])
         try:
-            sign, numbers = text[len(name) : len(name) + 1], text[len(name) + 1 :].split(":")
-            if sign == "=":
-                lower, upper, points = numbers
-                axes[name] = np.multiply.outer(
-                    np.linspace(float(lower), float(upper), int(points)), np.ones(shapes[name])
-                )
+            if found is None:
+                raise ValueError("no = or ~")
+            first, *rest = found["rest"].split(":")
+            if found["sign"] == "=":
+                upper, points = rest
+                x = np.linspace(float(first), float(upper), int(points))
+                axes[name] = _which(name, found, now[name]).at(x)
             else:
-                kind, *two = numbers
-                drawn[name] = DISTRIBUTIONS[kind](*(np.full(shapes[name], float(x)) for x in two))
-        except (ValueError, KeyError, TypeError) as error:
+                kind, two = DISTRIBUTIONS[first], [float(number) for number in rest]
+                drawn[name] = _which(name, found, now[name]).drawn(kind, *two)
+        except _NamedError:
+            raise
+        except (ValueError, KeyError, TypeError, MemoryError) as error:
             raise ValueError(
                 f"vary: expected name=lower:upper:count, or name~{'|'.join(DISTRIBUTIONS)}:number:number, got {text!r} ({error})"
             ) from None
     each = Drawn(drawn, count, seed) if drawn else None
     return Grid(axes, each) if axes else Drawn(drawn, count, seed)
+
+
+TEXT = re.compile(r"(?P<which>\*|\[[^\]]*\])?(?P<sign>[=~])(?P<rest>.*)")
+
+
+class _NamedError(ValueError):
+    """What is wrong with which numbers of an array are meant."""
+
+
+class _Varied:
+    """A number or an array ``now``, of which some entries (None: all, scaled) become others."""
+
+    def __init__(self, now: np.ndarray, index: tuple[int | slice, ...] | None) -> None:
+        self._now, self._index = now, index
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """(N, ...) for the values x (N,)."""
+        if self._index is None:
+            return np.multiply.outer(x, self._now)
+        out = np.repeat(self._now[None], len(x), axis=0)
+        out[(slice(None), *self._index)] = x.reshape(-1, *[1] * self._now[self._index].ndim)
+        return out
+
+    def drawn(self, kind: Callable[..., Distribution], *numbers: float) -> Distribution:
+        """Scaled by one draw, or each entry by its own."""
+        if self._index is None:
+            return Scaled(self._now, kind(*numbers))
+        return Entries(self._now, self._index, kind(*numbers)) if self._now.ndim else kind(*numbers)
+
+
+def _which(name: str, found: re.Match[str], now: np.ndarray) -> _Varied:
+    which, sign, rest = found["which"], found["sign"], found["rest"]
+    scale = f"{name}*=0.5:2:{rest.rpartition(':')[2]}" if sign == "=" else f"{name}*~uniform:0.5:2"
+    one, every = (",".join([x] * now.ndim) for x in ("0", ":"))
+    told = f"type {scale} to scale it"
+    if now.ndim:
+        told += f", {name}[{one}]{sign}{rest} for one entry, {name}[{every}]{sign}{rest} for all of them"
+    if which == "*":
+        if not now.any():
+            raise _NamedError(f"vary: {name} is zero, which no factor changes")
+        return _Varied(now, None)
+    if which is None:
+        if now.ndim == 0:
+            return _Varied(now, ())
+        if now.ndim == 1 and sign == "~":
+            return _Varied(now, (slice(None),))
+        raise _NamedError(f"vary: {name} is an array {now.shape}, not a number: {told}")
+    try:
+        index = tuple(slice(None) if x.strip() == ":" else int(x) for x in which[1:-1].split(","))
+        if len(index) != now.ndim:
+            raise ValueError
+        now[index]
+    except (ValueError, IndexError):
+        what = f"an array {now.shape}" if now.ndim else "a number"
+        raise _NamedError(f"vary: expected an entry of {name}, {what}, got {name}{which}: {told}") from None
+    return _Varied(now, index)
 
 
 def summary(found: xr.Dataset) -> tuple[dict[str, list[float]], float, int]:

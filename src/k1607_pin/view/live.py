@@ -5,11 +5,13 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import weakref
 from pathlib import Path
 from typing import IO, Any, Self
 
+import numpy as np
 import umsgpack
 import zmq
 
@@ -20,7 +22,7 @@ ANSWER_WITHIN = 20.0
 
 
 class LiveWindow:
-    """What `meshcat.Visualizer(window=...)` draws in: any number of browsers at `web_url`, and it never prints.
+    """What `meshcat.Visualizer(window=...)` draws in, from any thread: any number of browsers at `web_url`, and it never prints.
 
     Parameters
     ----------
@@ -29,13 +31,15 @@ class LiveWindow:
 
     Raises
     ------
+    ValueError
+        ``host`` is no text or an empty one, which would mean every address; ``port`` is no whole number from 0 to 65535.
     OSError
         The server cannot listen there; the message says why.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        if not 0 <= port <= 65535:
-            raise ValueError(f"port: expected 0 to 65535, got {port!r}")
+        require_address(host, port)
+        self._turn = threading.RLock()
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - a pipe that nobody reads would fill up and stop it
         self._process = _start(host, port, self._log)
         # Also when it is collected as garbage and when Python ends.
@@ -48,6 +52,9 @@ class LiveWindow:
             self.web_url: str = ready["web_url"]
             self._socket: zmq.Socket = zmq.Context.instance().socket(zmq.REQ)
             self._socket.setsockopt(zmq.LINGER, 0)
+            # Ctrl-C between a command and its answer leaves no socket that waits for it
+            self._socket.setsockopt(zmq.REQ_CORRELATE, 1)
+            self._socket.setsockopt(zmq.REQ_RELAXED, 1)
             self._socket.connect(ready["zmq_url"])
         except BaseException:
             self._finalizer()
@@ -60,12 +67,17 @@ class LiveWindow:
 
     def send(self, command: Any) -> None:
         """Draw one meshcat command; RuntimeError if the server is gone."""
-        self._require_alive()
         data = command.lower()
         # Only an animation has no path. The server replays a scene to a new browser in the order its paths came up: an
         # animation kept at the root would be there before the things it moves.
         path = data["path"] or "animation"
-        self._socket.send_multipart([data["type"].encode(), path.encode(), umsgpack.packb(data)])
+        frames = [data["type"].encode(), path.encode(), umsgpack.packb(data)]
+        with self._turn:
+            self._exchange(frames)
+
+    def _exchange(self, frames: list[bytes]) -> None:
+        self._require_alive()
+        self._socket.send_multipart(frames)
         end = time.monotonic() + ANSWER_WITHIN
         while not self._socket.poll(200):  # ms
             self._require_alive()
@@ -77,9 +89,10 @@ class LiveWindow:
 
     def close(self) -> None:
         """Stop the server; twice does no harm."""
-        if hasattr(self, "_socket"):
-            self._socket.close()
-        self._finalizer()
+        with self._turn:
+            if hasattr(self, "_socket"):
+                self._socket.close()
+            self._finalizer()
 
     def __enter__(self) -> Self:
         return self
@@ -96,6 +109,16 @@ class LiveWindow:
         self._log.seek(0)
         lines = [line for line in self._log.read().decode(errors="replace").splitlines() if "Error" in line]
         return f"({lines[-1]})" if lines else ""
+
+
+def require_address(host: Any, port: Any) -> None:
+    """Raise ValueError for what is no address to listen on, an empty one above all: sockets take it for every address."""
+    if not isinstance(host, str) or not host.strip() or "\0" in host:
+        raise ValueError(
+            f"host: expected an address such as '127.0.0.1', or '0.0.0.0' for every address of this machine, got {host!r}"
+        )
+    if not isinstance(port, int | np.integer) or isinstance(port, bool) or not 0 <= port <= 65535:
+        raise ValueError(f"port: expected 0 to 65535, got {port!r}")
 
 
 def _start(host: str, port: int, log: IO[bytes]) -> subprocess.Popen[bytes]:

@@ -1,6 +1,9 @@
 """`Scene`: an arm in a meshcat window, drawn through Pinocchio's MeshcatVisualizer."""
 
-from typing import Any
+import functools
+import threading
+from collections.abc import Callable
+from typing import Any, ParamSpec
 
 import meshcat
 import meshcat.geometry as mg
@@ -20,6 +23,7 @@ from k1607_pin.view.run import Run, read_run, require_wall
 from k1607_pin.view.tracks import Track, clip
 from k1607_pin.view.triads import Label, triad
 
+P = ParamSpec("P")
 _CAMERA = "/Cameras/default/rotated"
 _LEGEND = f"{_CAMERA}/<object>/legend"  # carried by the camera
 _LIGHTS = {"AmbientLight": 0.5, "PointLightPositiveX": 0.4, "PointLightNegativeX": 0.4, "FillLight": 0.2}
@@ -28,6 +32,18 @@ _DIRECTIONS = np.array(
     [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)], dtype=float
 ).T  # (3, 27)
 _MAX_FITTED = 100  # poses of a motion that the camera is fitted to
+
+
+def _in_turn(method: Callable[P, None]) -> Callable[P, None]:
+    """Of several threads one after the other: what is drawn is computed in places that all share."""
+
+    @functools.wraps(method)
+    def taken(*arguments: P.args, **named: P.kwargs) -> None:
+        scene: Any = arguments[0]
+        with scene._turn:
+            method(*arguments, **named)
+
+    return taken
 
 
 class _Visualizer(MeshcatVisualizer):
@@ -57,6 +73,7 @@ class Scene:
         self.arm = arm
         self.viewer = meshcat.Visualizer(window=window)
         self._model, self._visual = arm.model, arm.visual_model or pin.GeometryModel()
+        self._turn = threading.RLock()
         self._visualizer = _Visualizer(self._model, None, self._visual)
         self._visualizer.initViewer(viewer=self.viewer)
         self._visualizer.loadViewerModel(rootNodeName="arm")
@@ -70,6 +87,7 @@ class Scene:
 
     # What it shows
 
+    @_in_turn
     def display(self, q: Any = None) -> None:
         """Show the arm at q (n,) rad; a motion or run that plays ends. ValueError for another shape, or not finite."""
         q = pose(self.arm, q)
@@ -82,6 +100,7 @@ class Scene:
         for path, placement in zip(self._frame_paths(), self._frame_placements(q), strict=True):
             self.viewer[path].set_transform(placement.homogeneous)
 
+    @_in_turn
     def play(self, times: Any, Q: Any = None, wall: Wall | None = None) -> None:
         """Play joint angles Q (N, n) rad at times (N,) s, in real time, over and over; the viewer's slider seeks.
 
@@ -116,10 +135,12 @@ class Scene:
         self.viewer.set_animation(animation, play=True, repetitions=float("inf"))
         self._animated = True
 
+    @_in_turn
     def show_frames(self, visible: bool = True) -> None:
         """Show or hide the frames; so does the box "frames" in the viewer's own controls."""
         self.viewer["frames"].set_property("visible", bool(visible))
 
+    @_in_turn
     def fit_camera(self, Q: Any, points: Any = None, margin: float = camera.MARGIN) -> None:
         """Place the camera so that the arm is wholly seen in each pose of Q (N, n) rad, and so are points (K, 3) m, if given.
 

@@ -13,13 +13,15 @@ import sys
 import threading
 from pathlib import Path
 
+import umsgpack
 import zmq
 from meshcat.servers.tree import SceneTree
-from meshcat.servers.zmqserver import VIEWER_HTML, VIEWER_ROOT, ZMQWebSocketBridge
+from meshcat.servers.zmqserver import MESHCAT_COMMANDS, VIEWER_HTML, VIEWER_ROOT, WebSocketHandler, ZMQWebSocketBridge
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
+from tornado.websocket import WebSocketClosedError
 
 _CONTROLS = Path(__file__).with_name("controls.js")
 
@@ -34,8 +36,22 @@ class Page(RequestHandler):
         self.finish(page.replace("</body>", f"{script}</body>"))
 
 
+class Browser(WebSocketHandler):
+    """A browser's socket: it is drawn to, and what it says is not heard."""
+
+    def on_message(self, message: str | bytes) -> None:
+        # meshcat's own takes it for a picture that was asked for, and answers the next drawing command with it
+        _log(f"ignored: {len(message)} bytes from a browser, which has nothing to say")
+
+    def on_close(self) -> None:
+        self.bridge.websocket_pool.discard(self)
+
+
 class Bridge(ZMQWebSocketBridge):
-    """meshcat's bridge from ZMQ to browsers, with its web port on ``host`` and its ZMQ port on loopback."""
+    """meshcat's bridge from ZMQ to browsers, with its web port on ``host`` and its ZMQ port on loopback.
+
+    What is no drawing command is answered with an error and told in the log, and drawing goes on.
+    """
 
     def __init__(self, host: str, port: int) -> None:
         # Replaces meshcat's constructor, which listens on every interface and tries ports until one is free.
@@ -55,8 +71,37 @@ class Bridge(ZMQWebSocketBridge):
 
     def make_app(self) -> Application:
         app = super().make_app()
-        app.add_handlers(".*", [(r"/static/(?:index.html)?", Page)])
+        app.add_handlers(".*", [(r"/static/(?:index.html)?", Page), (r"/", Browser, {"bridge": self})])
         return app
+
+    def handle_zmq(self, frames: list[bytes]) -> None:
+        try:
+            _require_command(frames)
+            super().handle_zmq(frames)
+        except Exception as error:  # whatever it is: the next command is to be drawn again
+            _log(f"ignored: {type(error).__name__}: {error}")
+            with contextlib.suppress(zmq.ZMQError):  # it has been answered already
+                self.zmq_socket.send(f"error: {error}".encode())
+
+    def forward_to_websockets(self, frames: list[bytes]) -> None:
+        for browser in list(self.websocket_pool):
+            try:
+                browser.write_message(frames[2], binary=True)
+            except WebSocketClosedError:
+                self.websocket_pool.discard(browser)
+
+
+def _require_command(frames: list[bytes]) -> None:
+    """Raise ValueError for what is none of meshcat's drawing commands."""
+    kind = frames[0].decode("utf-8", "replace")
+    if kind not in MESHCAT_COMMANDS or len(frames) != 3:
+        raise ValueError(
+            f"expected one of {', '.join(MESHCAT_COMMANDS)}, a path and data, got {len(frames)}, {kind!r:.60}"
+        )
+    frames[1].decode("utf-8")
+    data = umsgpack.unpackb(frames[2])
+    if not isinstance(data, dict) or data.get("type") != kind:
+        raise ValueError(f"expected the data of {kind}")
 
 
 def main() -> int:
@@ -66,10 +111,15 @@ def main() -> int:
     parser.add_argument("--port", type=int, default=0, help="port of the web page (default: any free one)")
     parser.add_argument("--with-parent", action="store_true", help="end when standard input closes")
     options = parser.parse_args()
+    if not options.host.strip():
+        _say(error="cannot listen on '': expected an address; an empty one would be every address of this machine")
+        return 1
     try:
+        if not 0 <= options.port <= 65535:  # getaddrinfo takes the rest of a division
+            raise OverflowError("expected a port from 0 to 65535")
         bridge = Bridge(options.host, options.port)
-    except OSError as error:
-        _say(error=f"cannot listen on {options.host}:{options.port}: {error.strerror or error}")
+    except (OSError, OverflowError, UnicodeError) as error:  # not here, or a port or a name that is none
+        _say(error=f"cannot listen on {options.host}:{options.port}: {getattr(error, 'strerror', None) or error}")
         return 1
     if options.with_parent:
         threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -82,6 +132,10 @@ def main() -> int:
 def _end_with_parent() -> None:
     sys.stdin.buffer.read()  # the pipe closes when the parent closes it, and also when the parent is killed
     os._exit(0)
+
+
+def _log(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _say(**line: str) -> None:

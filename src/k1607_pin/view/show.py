@@ -10,7 +10,7 @@ import xarray as xr
 from k1607_pin.arm.arm import Arm
 from k1607_pin.files import write_atomically
 from k1607_pin.simulation.wall import Wall
-from k1607_pin.view.live import LiveWindow
+from k1607_pin.view.live import LiveWindow, require_address
 from k1607_pin.view.motion import motion, pose
 from k1607_pin.view.offline import Recorder
 from k1607_pin.view.run import read_run, require_wall
@@ -105,10 +105,11 @@ def show(
     Raises
     ------
     ValueError
-        As for `html`.
+        As for `html`; an empty host, which would mean every address of this machine; a port that is none.
     OSError
         The port is taken, or the address is not this machine's.
     """
+    require_address(host, port)
     _check(arm, times, Q, wall)
     window = LiveWindow(host, port)
     try:
@@ -121,7 +122,7 @@ def show(
 
 
 class LiveView:
-    """An arm in the browser, until closed; also a context manager, and in a notebook it shows itself.
+    """An arm in the browser, until closed; also a context manager, and in a notebook it shows itself. Any thread may draw.
 
     Attributes
     ----------
