@@ -37,7 +37,16 @@ def test_the_committed_set_is_worth_what_pinocchio_says(committed, outcome):
 
 def test_the_physics_are_converged(committed, outcome):
     finer = Candidates(committed, committed["choices"]["physics_step_s"] / 2, threads=1)(values_of(committed)[None])
-    assert np.abs(finer.ratios - outcome.ratios).max() < 0.01
+    assert np.abs(finer.ratios - outcome.ratios).max() < 1e-5
+
+
+def test_beta_1_has_no_effect_where_the_committed_set_is(committed, outcome):
+    """As docs/study_cases.md has it: without it, and with 1,200 times as much."""
+    values = np.tile(values_of(committed), (2, 1))
+    values[:, NAMES.index("beta_1")] = [0.0, 1200 * values[0, NAMES.index("beta_1")]]
+    without, much = np.abs(Candidates(committed, threads=1)(values).ratios - outcome.ratios).max(axis=1)
+    assert without < 1e-4
+    assert much < 0.03
 
 
 def test_worth_is_least_where_all_agree_and_grows_with_each_trouble(outcome):

@@ -229,7 +229,8 @@ def identify(
     console.print(values, highlight=False)
     met, near = (int((np.abs(found - 1) <= share).sum()) for share in (WITHIN, 0.1))
     console.print(
-        f"{met} of 16 within 25 %, {near} within 10 %; {search.rollouts:,} rollouts; all of it: {out}", highlight=False
+        f"{met} of 16 within 25 % in magnitude, {near} within 10 %; {search.rollouts:,} rollouts; all of it: {out}",
+        highlight=False,
     )
 
 
