@@ -20,6 +20,7 @@ from k1607_pin.report.comparison_figures import table
 from k1607_pin.report.rows import loaded
 
 ROOT = Path(__file__).parents[1]
+PATIENCE = 600  # s: no test is about how fast a busy machine is; what hangs is to end some time
 COMMANDS = [command.callback.__name__ for command in cli.app.registered_commands]
 
 
@@ -161,8 +162,8 @@ def test_compare_goes_on_where_it_was_stopped(tmp_path):
             time.sleep(0.01)
         helpers = psutil.Process(process.pid).children(recursive=True)
         stop(process)
-        _, told = process.communicate(timeout=60)
-        assert not psutil.wait_procs(helpers, timeout=20)[1]  # none is left behind
+        _, told = process.communicate(timeout=PATIENCE)
+        assert not psutil.wait_procs(helpers, timeout=PATIENCE)[1]  # none is left behind
         return process.returncode, told
 
     assert stopped_after(2, lambda process: process.kill())[0] == -signal.SIGKILL
@@ -241,6 +242,5 @@ def test_view_serves_until_interrupted():
     assert process.stdout is not None
     line = process.stdout.readline()
     assert "http://127.0.0.1:" in line
-    time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=20) == 0
+    assert process.wait(timeout=PATIENCE) == 0

@@ -13,7 +13,9 @@ from k1607_pin.report.rows import loaded
 DOCS = Path(__file__).parents[2] / "docs"
 ROWS = loaded(DOCS / "comparison.csv")
 COMMITTED = {row.key: row for row in ROWS}
-SAME = 1e-3  # other processors and libraries round otherwise, and a closed loop forgets that; one that rattles does not
+SAME = (
+    1e-3  # other processors and libraries round otherwise, which a closed loop forgets; not one that rattles or is lost
+)
 
 
 def test_the_text_has_the_table_and_pictures_that_there_are():
@@ -34,14 +36,14 @@ def test_every_run_is_there():
         {"cases": [1], "periods": [0.01], "gravities": [9.81], "troubles": TROUBLES[3:]},
         {"cases": [2], "periods": [0.01], "gravities": [0.0], "troubles": TROUBLES[1:2]},
         {"laws": ["Slotine-Li"], "cases": [2], "periods": [0.001], "gravities": [9.81], "troubles": TROUBLES[:1]},
-        {"laws": ["joint adaptive"], "cases": [1], "periods": [0.001], "gravities": [9.81], "troubles": TROUBLES[3:]},
     ],
-    ids=["line", "circle", "1 ms", "lost"],
+    ids=["line", "circle", "1 ms"],
 )
 def test_runs_come_out_as_they_are_in_the_file(which):
     laws = {name: LAWS[name] for name in which.get("laws", LAWS)}
     for row in compare(**{**which, "laws": laws}):
         there = COMMITTED[row.key]
+        assert there.chatter < RATTLE / 2
         assert (row.rms, row.largest) == pytest.approx((there.rms, there.largest), rel=SAME), row
 
 
