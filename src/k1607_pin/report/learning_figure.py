@@ -14,13 +14,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from k1607_pin.report.cases import StudyCase, study_case
-from k1607_pin.report.learning import compared, holding, learning_curve
+from k1607_pin.report.learning import FACTORS, compared, holding, learning_curve, learning_rate, load_of
 from k1607_pin.report.plots import GREEN, INK, RED
 from k1607_pin.report.runs import write_figure
 
 ADAPTING = ("Cartesian adaptive + g", "joint adaptive + g", "Slotine-Li")
 CELLS = ("case 1, line", "case 2, circle")
 SAME = (0.0, 1.0, 10.0, 1e2, 1e3, 1e4, 3e4, 1e5)  # times the recommended beta_1
+EQUAL = (1.0, 10.0)  # 1/s, rates at which laws are held against each other
 HOLD = 60.0  # s
 RECOMMENDED = "recommended settings, 1 kHz, 1 g"
 COLOURS = {"Cartesian adaptive + g": "#d98200", "joint adaptive + g": RED, "Slotine-Li": GREEN}
@@ -57,7 +58,7 @@ def multiples(curves: Mapping[str, xr.Dataset], factors: Sequence[float] = SAME)
     return "\n".join(lines)
 
 
-def summary(curves: Mapping[str, xr.Dataset], rates: Sequence[float] = (1.0, 10.0)) -> str:
+def summary(curves: Mapping[str, xr.Dataset], rates: Sequence[float] = EQUAL) -> str:
     """Markdown: each law's rate in the comparison, RMS distances in mm without learning, at that rate, at equal rates and at
     best, and the bracket of the rates that lose it."""
     head = [
@@ -77,14 +78,19 @@ def summary(curves: Mapping[str, xr.Dataset], rates: Sequence[float] = (1.0, 10.
         numbers = [float(curve.rms[0]), at(curve, curve.own), *(at(curve, rate) for rate in rates)]
         cells = [
             name,
-            f"{curve.own:.2g} /s",
+            f"{_two(curve.own)} /s",
             *(f"{1e3 * x:.3g}" for x in numbers),
-            f"{1e3 * float(kept[best]):.3g} at {float(curve.rate[best]):.2g} /s",
-            f"{curve.holds_to:.2g} /s",
-            f"{curve.lost_from:.2g} /s",
+            f"{1e3 * float(kept[best]):.3g} at {_two(float(curve.rate[best]))} /s",
+            f"{_two(curve.holds_to)} /s",
+            f"{_two(curve.lost_from)} /s",
         ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def _two(x: float) -> str:
+    """Two digits, without a power of ten."""
+    return f"{float(f'{x:.2g}'):g}"
 
 
 def figure_learning(panels: Mapping[str, Mapping[str, xr.Dataset]]) -> Figure:
@@ -124,25 +130,23 @@ def _draw(axes: Any, curve: xr.Dataset, none: float, style: dict[str, Any]) -> N
         axes.plot(curve.lost_from, 1e3 * float(kept.rms[-1]), "x", color=style["color"], ms=8, mew=2)
 
 
+def swept(case: StudyCase) -> xr.Dataset:
+    """The curve of a case, the equal rates and the multiples of the pages among its rates."""
+    own = learning_rate(case.law, case.q0, load_of(case.law, case.q0, case.payload))
+    return learning_curve(case, np.unique([*FACTORS, *SAME, *(rate / own for rate in EQUAL)]))
+
+
 def main(folder: str) -> None:
     """Write the figure into a folder and print the tables."""
-    cases = {
-        name: learning_curve(case, np.union1d(SAME, np.geomspace(1e-3, 1e6, 28)))
-        for name, case in recommended().items()
-    }
-    print(multiples(cases))
+    cases = {name: swept(case) for name, case in recommended().items()}
+    still = {name: swept(holding(case, HOLD)) for name, case in recommended().items()}
+    print(f"{multiples(cases)}\n\nholding for {HOLD:g} s\n{multiples(still)}")
     panels = {RECOMMENDED: cases}
     for number, name in enumerate(CELLS, 1):
-        curves = {law: learning_curve(case) for law, case in cells(number).items()}
-        print(f"\n{name}\n{summary(curves)}")
-        panels[f"{name}, 10 ms, 1 g"] = curves
-    held = {law: learning_curve(case) for law, case in cells(1, HOLD).items()}
-    print(f"\nholding for {HOLD:g} s\n{summary(held)}")
-    panels[f"holding for {HOLD:g} s, 10 ms, 1 g"] = held
-    print(
-        f"\nholding for {HOLD:g} s, recommended\n"
-        + multiples({n: learning_curve(holding(c, HOLD), SAME) for n, c in recommended().items()})
-    )
+        panels[f"{name}, 10 ms, 1 g"] = {law: swept(case) for law, case in cells(number).items()}
+    panels[f"holding for {HOLD:g} s, 10 ms, 1 g"] = {law: swept(case) for law, case in cells(1, HOLD).items()}
+    for title, curves in list(panels.items()):
+        print(f"\n{title}\n{summary(curves)}")
     write_figure(Path(folder) / "learning", figure_learning(panels))
 
 
