@@ -95,9 +95,10 @@ def _two(x: float) -> str:
 
 def figure_learning(panels: Mapping[str, Mapping[str, xr.Dataset]]) -> Figure:
     """One panel a condition: RMS distance over learning rate, none at the left; a dot at a law's own rate, a cross where lost."""
-    rows = -(-len(panels) // 2)
-    figure = Figure(figsize=(10.4, 3.9 * rows + 0.4), layout="constrained")
-    grid = figure.subplots(rows, min(len(panels), 2), squeeze=False)
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(4.5 * columns + 1.4, 3.9 * rows + 0.4), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
     for axes, (title, curves) in zip(grid.flat, panels.items(), strict=False):
         slowest = min(float(curve.rate[1:].min()) for curve in curves.values())
         none = 0.2 * slowest  # where the axis has no learning at all
@@ -114,10 +115,7 @@ def figure_learning(panels: Mapping[str, Mapping[str, xr.Dataset]]) -> Figure:
         axes.yaxis.set_minor_locator(NullLocator())
         axes.grid(which="major", color="#e7ebef", lw=0.7)
         axes.legend(fontsize=8, loc="lower left", frameon=False)
-    figure.suptitle(
-        "What learning earns, over its rate. Dot: the rate that was chosen. Cross: the first rate that is lost",
-        fontsize=11,
-    )
+    figure.suptitle("What learning earns. Dot: the rate that was chosen; cross: the first that is lost", fontsize=10)
     return figure
 
 
@@ -127,7 +125,9 @@ def _draw(axes: Any, curve: xr.Dataset, none: float, style: dict[str, Any]) -> N
     axes.plot(x, 1e3 * kept.rms, lw=1.6, **style)
     axes.plot(curve.own, 1e3 * at(curve, curve.own), "o", color=style["color"], ms=5)
     if np.isfinite(curve.lost_from):
-        axes.plot(curve.lost_from, 1e3 * float(kept.rms[-1]), "x", color=style["color"], ms=8, mew=2)
+        edge, height = [curve.holds_to, curve.lost_from], 1e3 * float(kept.rms[-1])
+        axes.plot(edge, [height, height], ":", color=style["color"], lw=1.2)
+        axes.plot(curve.lost_from, height, "x", color=style["color"], ms=8, mew=2)
 
 
 def swept(case: StudyCase) -> xr.Dataset:
