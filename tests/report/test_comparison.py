@@ -54,7 +54,7 @@ def test_weightless_the_model_s_acceleration_term_wins_over_pd(rows):
         )
 
 
-def test_adaptation_earns_little_at_this_bandwidth(rows):
+def test_adaptation_earns_little_at_the_rate_that_is_carried_over(rows):
     fixed, adaptive = (rms(rows, law) for law in ("Cartesian, gains fixed", "Cartesian adaptive"))
     assert 0.9 * fixed < adaptive < fixed
 
