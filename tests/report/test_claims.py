@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from k1607_pin import data
 from k1607_pin.report.equations import check_all
+from k1607_pin.report.published import allowed_by_figure_6
+from k1607_pin.report.unknowns import NAMES
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,3 +45,35 @@ def test_the_errata_list_every_misprint_and_every_gap(verdicts):
     slip_and_gap = {57}  # a lost x_d' beside a term that the argument drops
     assert misprints == {n for n, v in verdicts.items() if v == "misprint"} | garbled | slip_and_gap
     assert gaps >= {n for n, v in verdicts.items() if v == "gap"}
+
+
+def test_the_lines_of_the_readme_run_and_do_what_their_comments_say():
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    names = {}
+    exec(compile(code, "README.md", "exec"), names)
+    assert names["found"].converged
+    assert float(abs(names["run"].error[:, :3]).max()) == pytest.approx(1e-4, rel=0.15)  # a tenth of a millimetre
+    assert names["runs"].sizes["rollout"] == 1000
+    assert names["runs"].failed_at.isnull().all()
+
+
+def test_figure_11_contradicts_figure_6_by_the_factor_that_is_told():
+    facts = data.load("published")
+    allowed = allowed_by_figure_6(facts["part1"]["wx_max_error_mrad_s"]["100ms"])
+    factor = facts["part3"]["delta_beta_max_error_milli"]["100ms"] / allowed
+    assert f"contradicts the report's own figure 6 by a factor of {factor:.0f}" in text("README.md")
+
+
+def test_ten_thousand_loops_take_what_was_measured():
+    """README's five seconds are those of the measurements; no test is about how fast this machine is."""
+    (measured,) = re.findall(
+        r"\| 10,000 rollouts of 10 s, metrics only, 2 threads \| ([\d.]+) s", text("docs/measurements.md")
+    )
+    assert float(measured) < 5
+    assert "ten thousand closed loops of ten seconds each in five" in text("README.md")
+
+
+def test_as_many_unknowns_are_fitted_as_is_told():
+    assert len(NAMES) == 20
+    assert "Twenty unknowns are fitted to sixteen numbers" in text("docs/study_cases.md")
+    assert "fits twenty such numbers" in text("notebooks/08_a_hundred_thousand_closed_loops.ipynb")
