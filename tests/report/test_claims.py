@@ -3,9 +3,11 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from k1607_pin import data
+from k1607_pin.report import sensitivity
 from k1607_pin.report.equations import check_all
 from k1607_pin.report.published import allowed_by_figure_6
 from k1607_pin.report.unknowns import NAMES
@@ -77,3 +79,17 @@ def test_as_many_unknowns_are_fitted_as_is_told():
     assert len(NAMES) == 20
     assert "Twenty unknowns are fitted to sixteen numbers" in text("docs/study_cases.md")
     assert "fits twenty such numbers" in text("notebooks/08_a_hundred_thousand_closed_loops.ipynb")
+
+
+def test_the_tables_of_what_each_number_hangs_on_are_what_comes_out():
+    """docs/study_cases.md, one assumption changed at a time; two digits, so that half of the last one is rounding."""
+    page = (ROOT / "docs/study_cases.md").read_text(encoding="utf-8").split("## Which assumption")[1]
+    cases = [part.split("\n\n")[1].splitlines()[2:] for part in page.split("### Case ")[1:]]
+    stated = [
+        {x[0]: x[1:] for x in ([c.strip() for c in line.strip("|").split("|")] for line in rows)} for rows in cases
+    ]
+    for name, ratios in sensitivity.table().items():
+        cells = stated[0][name] + stated[1][name]
+        lost = np.array([cell == "lost" for cell in cells])
+        assert (np.isnan(ratios) == lost).all(), name
+        assert ratios[~lost] == pytest.approx([float(x) for x in cells if x != "lost"], abs=0.015), name
