@@ -11,7 +11,7 @@ from k1607_pin.report import equations_jacobian, polynomials, sample, sample_loo
 from k1607_pin.report.equations import registry
 
 EQUATIONS = {e.number: e for e in registry()}
-SLIGHTLY = 1.001
+SLIGHTLY = 1 + 1e-6
 ALL = ...
 
 
@@ -37,7 +37,7 @@ def after(change, *path):
 
 
 def scaled(*path, by=SLIGHTLY):
-    """The part a thousandth too large."""
+    """The part a millionth too large."""
     return after(lambda x: by * x, *path)
 
 

@@ -28,7 +28,7 @@ from k1607_pin.report.sample_motion import ARM_BETA, DURATION, arm_matrices, mot
 
 HUGE = 1e15  # of Psi_3 and Psi_4 in (71)
 PERIOD = 1e-3  # s, of (76)-(77)
-SLOPE = 1200.0  # of the integrand of (77), by how much it changes in 1 s; that of (76) by half as much
+SLOPE = Gains(700.0, 1200.0)  # of the integrands of (76) and (77), by how much it changes in 1 s at the most
 
 
 def _held(*names: str) -> float:
@@ -257,7 +257,7 @@ EQUATIONS: list[Equation] = [
         "control.adaptation.adapted",
         f"quadrature; samples {PERIOD:g} s apart extrapolated to zero, agree to second order",
         lambda: _integrated("K_p"),
-        SLOPE * PERIOD**2 / 24,
+        SLOPE.K_p * PERIOD**2 / 24,
         printed=lambda: _integrated("K_p", as_printed=True),
         slip=True,
         note="Printed P_2, should be P_2^T, as in (58)-(59); no difference for section 7.2's 0.25 I. The sign is right: it is "
@@ -270,7 +270,7 @@ EQUATIONS: list[Equation] = [
         "control.adaptation.adapted",
         f"quadrature; samples {PERIOD:g} s apart extrapolated to zero, agree to second order",
         lambda: _integrated("K_d"),
-        SLOPE * PERIOD**2 / 24,
+        SLOPE.K_d * PERIOD**2 / 24,
         printed=lambda: _integrated("K_d", as_printed=True),
         slip=True,
         note="As (76). Section 7.2 calls it (36).",
