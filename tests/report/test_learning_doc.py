@@ -1,6 +1,7 @@
 """What docs/comparison.md, docs/study_cases.md and README say of the learning rate, run again at a few rates."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from k1607_pin.report.learning import holding, learning_curve, learning_rate, load_of
 from k1607_pin.report.learning_figure import ADAPTING, CELLS, EQUAL, HOLD, SAME, cells, recommended
+from k1607_pin.report.noisy import NOISE
 
 ROOT = Path(__file__).parents[2]
 CLEAR = 1.25  # of a stated limit: it is a bracket of two digits
@@ -103,3 +105,18 @@ def test_what_the_text_makes_of_the_tables():
     assert f"it takes {own_share[0]} and {own_share[1]} % off" in readme
     assert f"the $\\beta_1$ {much[0]} and {much[1]} %" in readme
     assert list(CELLS) == list(recommended())
+
+
+def test_what_noise_leaves_of_it():
+    """Recommended settings: lost with beta_2, whatever beta_1; without it there is a limit. At 10 ms little changes."""
+    for case in recommended().values():
+        with pytest.raises(ValueError, match="holds without learning"):
+            learning_curve(case, [1.0], NOISE)
+    line = recommended()[CELLS[0]]
+    fixed = replace(line, law=replace(line.law, beta_2=0.0))
+    curve = learning_curve(fixed, [178 / CLEAR, 178, 237 * CLEAR, 1e3], NOISE)
+    assert curve.holds.sel(factor=178 / CLEAR)
+    assert curve.lost.sel(factor=[237 * CLEAR, 1e3]).all()
+    assert 1 - float(curve.rms.sel(factor=178)) / float(curve.rms[0]) == pytest.approx(0.15, abs=0.02)
+    slow = learning_curve(cells(1)["joint adaptive + g"], [1e4], NOISE)
+    assert 1e3 * float(slow.rms.sel(factor=1e4)) == pytest.approx(0.386, rel=0.01)

@@ -33,6 +33,7 @@ from k1607_pin.report.cases import StudyCase, study_case
 from k1607_pin.report.laws import LAWS, setting
 from k1607_pin.report.stability import LONGEST_STEP
 from k1607_pin.simulation.integrators import runge_kutta_4
+from k1607_pin.simulation.noise import with_noise
 from k1607_pin.simulation.plant import Plant
 
 Law = CartesianAdaptive | JointAdaptive | SlotineLi
@@ -123,14 +124,27 @@ class _StandStill(NamedTuple):
 
 
 def learning_curve(
-    case: StudyCase, factors: Sequence[float] | np.ndarray = FACTORS, beyond: float = BEYOND, threads: int | None = None
+    case: StudyCase,
+    factors: Sequence[float] | np.ndarray = FACTORS,
+    noise: tuple[float, float] = (0.0, 0.0),
+    beyond: float = BEYOND,
+    threads: int | None = None,
 ) -> xr.Dataset:
     """A case run with its law's learning rate (beta_1, Gamma) multiplied by factors, 0 for none, in compiled rollouts.
+
+    beta_2, which learns no load but damping, stays what it is, without learning too.
 
     Each factor is run from ``COPIES`` starts that differ by less than any joint sensor tells. It *holds* when all of them do, and
     is *lost* when none does; a run is lost whose numbers run away, or whose tool comes further off its path than ``beyond`` times
     the largest distance without learning. Between the last factor that holds and the first that is lost more are run. So the
     verdict is a bracket, and hangs on no single run at its edge.
+
+    ``noise``: standard deviation of measured q [rad] and v [rad/s], `noisy.NOISE` say; another seed for each start.
+
+    >>> from k1607_pin.report.learning import compared, learning_curve
+    >>> curve = learning_curve(compared("joint adaptive + g", 1, 0.01), [1.0, 1e4, 1e6])
+    >>> print(f"{curve.own:.3f} /s", *(f"{1e3 * float(curve.rms.sel(factor=x)):.2f} mm" for x in (0, 1, 1e4)))
+    0.014 /s 1.37 mm 1.37 mm 0.39 mm
 
     Returns
     -------
@@ -152,12 +166,14 @@ def learning_curve(
     if (chosen < 0).any():
         raise ValueError(f"factors: expected none below 0, got {shown(chosen)}")
     number("beyond", beyond, above=0)
-    done = _run(case, np.union1d([0.0], chosen), beyond, None, threads)
+    done = _run(case, np.union1d([0.0], chosen), noise, beyond, None, threads)
     if not done.holds[0]:
-        raise ValueError("case: expected one that holds without learning, got one that is lost with fixed gains")
+        raise ValueError(
+            "case: expected one that holds without learning, got one that is lost with a rate of 0 (beta_2 stays)"
+        )
     held, lost = edge(done.factor.values, done.holds.values, done.lost.values)
     if 0 < held < lost < np.inf:
-        more = _run(case, np.geomspace(held, lost, FINER + 2)[1:-1], beyond, done.bound, threads)
+        more = _run(case, np.geomspace(held, lost, FINER + 2)[1:-1], noise, beyond, done.bound, threads)
         done = xr.concat([done, more], "factor", combine_attrs="override").sortby("factor")
         held, lost = edge(done.factor.values, done.holds.values, done.lost.values)
     done["rate"] = ("factor", own * done.factor.values, {"units": "1/s"})
@@ -176,22 +192,34 @@ def edge(factors: np.ndarray, holds: np.ndarray, lost: np.ndarray) -> tuple[floa
     return float(held), float(factors[first_lost]) if first_lost < len(factors) else np.inf
 
 
-def _run(case: StudyCase, factors: np.ndarray, beyond: float, bound: float | None, threads: int | None) -> xr.Dataset:
+def _run(
+    case: StudyCase,
+    factors: np.ndarray,
+    noise: tuple[float, float],
+    beyond: float,
+    bound: float | None,
+    threads: int | None,
+) -> xr.Dataset:
     """``bound`` None takes it from the first factor, which is none."""
     law: Law = case.law
     arm = case.plant.arm
     limit = np.where(np.isfinite(arm.effort_limit), arm.effort_limit, 1.0)
     signals = {
-        "distance": lambda log: np.sqrt(np.sum(log["error"][:3] ** 2)),
+        "distance": lambda log: np.sqrt(np.sum((log["tool_position"] - log["wanted_position"]) ** 2)),  # the true one
         "share": lambda log: np.sqrt(np.sum((log["tau"] / limit) ** 2) / len(limit)),
     }
     each = np.repeat(factors, COPIES)
     away = APART * np.random.default_rng(0).uniform(-1, 1, (COPIES, arm.n))
     away[0] = 0.0
-    idle, vary = _learning(law, each)
+    controller: Any
+    controller, vary = _learning(law, each)
+    if any(noise):
+        controller = with_noise(controller, arm.n, law.period, *noise)
+        vary = {name.replace("controller", "controller.law"): x for name, x in vary.items()}
+        vary["controller.noise.seed"] = np.tile(np.arange(COPIES), len(factors))
     run = rollout(
         case.plant,
-        idle,
+        controller,
         case.q0 + np.tile(away, (len(factors), 1)),
         case.duration,
         control_period=law.period,
@@ -207,7 +235,7 @@ def _run(case: StudyCase, factors: np.ndarray, beyond: float, bound: float | Non
     alive = np.isnan(run.failed_at.values)
     largest = np.where(alive, run.distance_max.values, np.inf)
     if bound is None:
-        bound = beyond * largest[0]
+        bound = beyond * largest[0] if np.isfinite(largest[0]) else 0.0  # of what is lost without, nothing holds
     lost = ~(largest <= bound)
     first = np.where(lost, np.inf, 1.0)[::COPIES]
     of_first = {"rms": run.distance_rms, "largest": run.distance_max, "torque": run.share_rms}
