@@ -178,7 +178,8 @@ def identify(
         bool, typer.Option("--anywhere", help="Begin at drawn postures; from the committed set when left out.")
     ] = False,
     limits: Annotated[
-        bool | None, typer.Option(help="Keep to the assumed joint limits; as the committed set when left out.")
+        bool | None,
+        typer.Option(help="Keep to the assumed limits of the joint angles; as the committed set when left out."),
     ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="One a processor when left out.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the set and its ratios as JSON.")] = False,
