@@ -20,7 +20,6 @@ from k1607_pin.report.comparison_figures import table
 from k1607_pin.report.rows import loaded
 
 ROOT = Path(__file__).parents[1]
-PATIENCE = 600  # s: no test is about how fast a busy machine is; what hangs is to end some time
 COMMANDS = [command.callback.__name__ for command in cli.app.registered_commands]
 
 
@@ -162,8 +161,8 @@ def test_compare_goes_on_where_it_was_stopped(tmp_path):
             time.sleep(0.01)
         helpers = psutil.Process(process.pid).children(recursive=True)
         stop(process)
-        _, told = process.communicate(timeout=PATIENCE)
-        assert not psutil.wait_procs(helpers, timeout=PATIENCE)[1]  # none is left behind
+        _, told = process.communicate(timeout=600)
+        assert not psutil.wait_procs(helpers, timeout=600)[1]  # none is left behind
         return process.returncode, told
 
     assert stopped_after(2, lambda process: process.kill())[0] == -signal.SIGKILL
@@ -262,4 +261,4 @@ def test_view_serves_until_interrupted():
     line = process.stdout.readline()
     assert "http://127.0.0.1:" in line
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=PATIENCE) == 0
+    assert process.wait(timeout=600) == 0

@@ -16,7 +16,6 @@ from scipy import ndimage
 from k1607_pin.view.offline import Recorder
 from k1607_pin.view.scene import Scene
 
-PATIENCE = 600_000  # ms: no test is about how fast a busy machine draws
 SIZE = {"width": 720, "height": 560}
 ARGUMENTS = [
     "--no-sandbox",
@@ -50,7 +49,7 @@ def browser() -> Iterator[Any]:
 def page(browser: Any) -> Iterator[Any]:
     """A fresh page that keeps the address of every request in ``page.requested`` and each error in ``page.errors``."""
     page = browser.new_page(viewport=SIZE)
-    page.set_default_timeout(PATIENCE)
+    page.set_default_timeout(600_000)  # ms: what is waited for comes, however busy the machine is
     page.requested, page.errors = [], []
     page.on("request", lambda request: page.requested.append(request.url))
     page.on("pageerror", lambda error: page.errors.append(str(error)))

@@ -47,7 +47,7 @@ def view(
         path = viewer.save_html(arm, html, times, Q, frames=frames)
         console.print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB): open it in any browser", highlight=False)
         return
-    with suppress(KeyboardInterrupt), viewer.show(arm, times, Q, frames=frames, host=host, port=port) as live:
+    with viewer.show(arm, times, Q, frames=frames, host=host, port=port) as live, suppress(KeyboardInterrupt):
         console.print(f"{arm.name} at {live.url} - press Ctrl-C to stop", highlight=False)
         threading.Event().wait()
 
