@@ -10,7 +10,7 @@ import numpy as np
 
 import k1607_pin as k1607
 from k1607_pin.arm.ready import ready_postures
-from k1607_pin.control.cartesian import pose_error
+from k1607_pin.control.pose import pose_error
 from k1607_pin.paths.report_paths import Line
 
 

@@ -128,7 +128,7 @@ def test_equations_as_json():
 def test_equations_table_counts_the_verdicts():
     result = k1607("equations")
     assert result.returncode == 0
-    assert "36 holds, 18 definition, 20 misprint, 9 gap, 0 fails" in result.stdout
+    assert "35 holds, 18 definition, 21 misprint, 9 gap, 0 fails" in result.stdout
 
 
 def test_unknown_equation():
@@ -307,6 +307,25 @@ def test_sweep_refuses_what_it_cannot_read():
     assert "at least one parameter" in " ".join(k1607("sweep").stderr.split())
     twice = ("--vary", "plant.viscous=5:15:2", "--vary", "plant.viscous=1:2:2")
     assert "each name once, got plant.viscous twice" in " ".join(k1607("sweep", *twice).stderr.split())
+
+
+def test_learning_as_json_with_curve_and_figure(tmp_path):
+    told = k1607("learning", "1", "--law", "joint adaptive + g", "--period", "10", "--json", "--out", str(tmp_path))
+    assert told.returncode == 0, told.stderr
+    told = json.loads(told.stdout)
+    first, last = told["rates"][0], told["rates"][-1]
+    assert first["rate"] == 0
+    assert first["holds"]
+    assert last["lost"]
+    assert last["rms"] is None
+    assert 0 < told["own"] < told["holds_to"] < told["lost_from"]
+    with xr.open_dataset(tmp_path / "learning.nc") as curve:
+        assert float(curve.rms[0]) == first["rms"]
+    assert (tmp_path / "learning.png").exists()
+
+
+def test_learning_refuses_a_law_that_there_is_not():
+    assert "expected recommended or one of" in " ".join(k1607("learning", "--law", "mine").stderr.split())
 
 
 def test_drift_as_json_with_log_and_figure(tmp_path):

@@ -1,16 +1,22 @@
 """The study cases: the published errors come out as claimed, the aims at 1 kHz are met, other arms run by the same calls."""
 
+from copy import deepcopy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import k1607_pin as k1607
 from k1607_pin import data
+from k1607_pin.arm.reach import UnreachableError
+from k1607_pin.description.units import INCH
 from k1607_pin.report import plots
-from k1607_pin.report.cases import StudyCase, section_7_2, study_case
-from k1607_pin.report.published_cases import compare_aims, compare_case
+from k1607_pin.report.cases import StudyCase, as_published, section_7_2, study_case
+from k1607_pin.report.published_cases import compare_aims, compare_case, overdriven
 from k1607_pin.report.runs import FIGURES, write_run
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module", params=[1, 2])
@@ -30,9 +36,52 @@ def test_all_sixteen_published_errors_come_out_within_a_quarter(published):
     rows = compare_case(study.number, run)
     numbers = [row for row in rows if row.ratio is not None]
     assert len(numbers) == 8
-    assert all(abs(row.ratio - 1) <= 0.25 and row.verdict == "met" for row in numbers)
+    assert all(abs(row.ratio - 1) <= 0.25 for row in numbers)
+    assert sum(abs(row.ratio - 1) <= 0.1 for row in numbers) == 6  # 12 of the 16, as README and docs say
+    opposite = {"case2.max_rate_error_in_s.x", "case2.max_rate_error_in_s.y"}
+    assert all(row.verdict == ("met in magnitude" if row.id in opposite else "met") for row in numbers)
+    assert all((row.ours * row.published < 0) == (row.id in opposite) for row in numbers)
     assert all(row.verdict == "agrees" for row in rows if row.ratio is None)  # z and orientation
     assert all(row.rests_on for row in rows)
+
+
+def test_angles_keep_to_the_assumed_limits_and_torques_do_not(published):
+    """README and docs/study_cases.md give these numbers."""
+    study, run = published
+    arm = study.plant.arm
+    assert (run.q.values >= arm.lower).all()
+    assert (run.q.values <= arm.upper).all()
+    beyond = overdriven(study, run)
+    assert [(j.joint, j.limit) for j in beyond] == [(5, 150.0), (7, 50.0)]
+    assert all(j.last < 0.5 for j in beyond)
+    if study.number == 1:
+        for name in ("README.md", "docs/study_cases.md"):
+            text = (ROOT / name).read_text(encoding="utf-8")
+            assert all(f"{j.asked:.0f} N m at" in text and f"joint {j.joint}" in text for j in beyond), name
+
+
+def test_leaving_the_payload_out_changes_nothing_on_the_line_and_little_on_the_circle(published):
+    study, run = published
+    without = study_case(study.number, payload=0.0).run()
+    ratios = [[row.ratio for row in compare_case(study.number, r) if row.ratio is not None] for r in (run, without)]
+    change = np.abs(np.subtract(*ratios)).max()
+    assert change < 1e-5 if study.number == 1 else change == pytest.approx(0.129, abs=0.001)
+
+
+def test_what_the_page_says_of_the_run(published):
+    study, run = published
+    assert float(np.abs(run.error.sel(direction="z")).max()) / INCH < 0.061
+    assert np.rad2deg(float(np.abs(run.error.sel(direction=["rx", "ry", "rz"])).max())) < 1.7
+    rates = np.abs(run.error_rate.sel(direction=["x", "y"]))
+    assert run.time.values[rates.argmax("time")] == pytest.approx([2.03, 0.43] if study.number == 1 else [5.69, 1.62])
+    assert run.K_d.values[-1, 3, 3] == pytest.approx(69 if study.number == 1 else 80, abs=0.5)
+
+
+def test_a_hundredth_of_an_inch_higher_the_line_is_out_of_reach():
+    choice = deepcopy(data.load("study_cases")["report"])
+    choice["start"]["z0_in"] += 0.01
+    with pytest.raises(UnreachableError):
+        as_published(1, choice).run()
 
 
 def test_both_cases_share_one_set_of_assumptions():
@@ -75,11 +124,30 @@ def test_at_1_khz_in_full_gravity_the_aims_are_met(recommended):
     study, run = recommended
     assert study.law.arm.model.gravity.linear[2] == -9.81
     assert study.law.period == 0.001
-    assert [row.verdict for row in compare_aims(study.number, run)] == ["met", "met"]
+    rows = compare_aims(study.number, run)
+    assert [row.verdict for row in rows] == ["met", "met"]
+    name = "line" if study.number == 1 else "circle"  # as docs/study_cases.md has them
+    stated = f"| {name} | {rows[0].ours:.4f} in | {rows[1].ours:.4f} in |"
+    assert stated in (ROOT / "docs/study_cases.md").read_text(encoding="utf-8")
+    assert max(row.ours for row in rows) < 0.008  # README
     arm = study.law.arm
     assert (run.q.values > arm.lower - 1e-3).all()
     assert (run.q.values < arm.upper + 1e-3).all()
     assert (np.abs(run.tau.values) < arm.effort_limit).all()
+
+
+def test_what_is_left_without_adaptation_is_gravity_s_sag():
+    """K_p^-1 p at every tenth of a second: all but 5 % of the RMS error, as docs/study_cases.md has it."""
+    study = study_case(1, "recommended")
+    run = replace(study, law=replace(study.law, beta_1=0.0, beta_2=0.0)).run().isel(time=slice(250, None, 100))
+    empty, full = study.law.arm, k1607.with_payload(study.law.arm, study.payload)
+    sag = []
+    for q, mass in zip(run.q.values, run.payload.values, strict=True):
+        arm = full if mass > 0 else empty
+        p = arm.operational_space(q, 0 * q).jacobian_bar.T @ arm.gravity_torque(q)
+        sag.append(np.linalg.solve(study.law.gains.K_p, p)[:3])
+    error = run.error.values[:, :3]
+    assert np.sqrt(((error - sag) ** 2).sum() / (error**2).sum()) < 0.05
 
 
 def test_adaptation_moves_the_gains_of_every_run(published, recommended):

@@ -37,7 +37,16 @@ def test_the_committed_set_is_worth_what_pinocchio_says(committed, outcome):
 
 def test_the_physics_are_converged(committed, outcome):
     finer = Candidates(committed, committed["choices"]["physics_step_s"] / 2, threads=1)(values_of(committed)[None])
-    assert np.abs(finer.ratios - outcome.ratios).max() < 0.01
+    assert np.abs(finer.ratios - outcome.ratios).max() < 1e-5
+
+
+def test_beta_1_has_no_effect_where_the_committed_set_is(committed, outcome):
+    """As docs/study_cases.md has it: without it, and with 1,200 times as much."""
+    values = np.tile(values_of(committed), (2, 1))
+    values[:, NAMES.index("beta_1")] = [0.0, 1200 * values[0, NAMES.index("beta_1")]]
+    without, much = np.abs(Candidates(committed, threads=1)(values).ratios - outcome.ratios).max(axis=1)
+    assert without < 1e-4
+    assert much < 0.03
 
 
 def test_worth_is_least_where_all_agree_and_grows_with_each_trouble(outcome):
@@ -152,8 +161,8 @@ def test_a_known_truth_is_approached(truth):
     limits, told = start["choices"]["joint_limits"], []
     found, search = identify(1000, 3, start, limits, None, numbers, 1, lambda *x: told.append(x))
     first, last = (Candidates(x, 0.0025, numbers, threads=1)(values_of(x)[None]) for x in (start, found))
-    assert search.best.worth < 0.7 * worth(first, limits)[0]
-    assert np.abs(np.log(last.ratios)).mean() < 0.7 * np.abs(np.log(first.ratios)).mean()
+    assert search.best.worth < 0.7 * worth(first, limits)[0]  # six seeds: 0.06 to 0.39 of it
+    assert np.abs(np.log(last.ratios)).mean() < np.abs(np.log(first.ratios)).mean()  # six seeds: 0.35 to 0.69 of it
     assert worth(last, limits)[0] == pytest.approx(search.best.worth, rel=0.01)
     assert search.rollouts == told[-1][0] <= 1000
     assert np.all(np.diff([best for _, best in told]) <= 0)

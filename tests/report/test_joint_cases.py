@@ -20,6 +20,14 @@ def test_the_tool_stays_on_its_path_while_a_payload_comes_and_goes(number):
     assert len(figure_joint_case(run).axes) == 2
 
 
+@pytest.mark.parametrize(("number", "largest", "when"), [(1, 0.34e-3, 2.0), (2, 0.52e-3, 3.7)])
+def test_at_1_khz_it_is_as_docs_comparison_has_it(number, largest, when):
+    run = joint_case(number)
+    distance = np.linalg.norm(run.error.values[:, :3], axis=1)
+    assert distance.max() == pytest.approx(largest, rel=0.02)
+    assert run.time.values[distance.argmax()] == pytest.approx(when, abs=0.05)
+
+
 def test_gravity_s_torque_and_adaptation_each_do_their_part():
     short = {"duration": 0.9, "period": 0.002}
     sag, held = (joint_case(1, **short, practice=Practice(gravity=g)) for g in (False, True))

@@ -24,7 +24,7 @@ def result():
     q0 = np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])
     shares = []
     out = stability_map(
-        arm, q0, MODEL, [0.01, 0.02], [5.0, 70.0, 140.0], [0.0, 1e7], duration=0.9, progress=shares.append
+        arm, q0, MODEL, [0.01, 0.02], [2.0, 5.0, 70.0, 140.0], [0.0, 1e7], duration=0.9, progress=shares.append
     )
     assert shares == sorted(shares)
     return out
@@ -44,9 +44,13 @@ def test_stiffer_is_better_while_it_is_stable(result):
 
 
 def test_too_much_adaptation_is_lost_at_a_long_period_where_the_gains_alone_are_not(result):
-    soft = result.sel(omega=5.0, period=0.02)
-    assert np.isfinite(soft.rms.sel(beta=0.0))
-    assert not np.isfinite(soft.rms.sel(beta=1e7))
+    """Both well beyond the edge: what loses them is lost from half that beta on, whatever the start's sixth digit."""
+    for soft in (
+        result.sel(omega=5.0, period=0.02),
+        result.sel(omega=2.0, period=0.01),
+    ):  # the latter in docs/study_cases.md
+        assert np.isfinite(soft.rms.sel(beta=0.0))
+        assert not np.isfinite(soft.rms.sel(beta=1e7))
 
 
 def test_it_can_be_drawn(result):

@@ -9,7 +9,7 @@ import k1607_pin as k1607
 from k1607_pin.arm.payload import Payload, with_payload
 from k1607_pin.control import error_system
 from k1607_pin.control.adaptation import Gains, adapted, gain_rates, proportional_derivative
-from k1607_pin.control.cartesian import pose_error
+from k1607_pin.control.pose import pose_error
 from k1607_pin.description.units import POUND
 from k1607_pin.paths.report_paths import Line
 from k1607_pin.report import equations_stability, polynomials_error_system, sample_loops, sample_motion

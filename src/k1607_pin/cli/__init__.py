@@ -8,8 +8,8 @@ from k1607_pin.cli.app import app, is_own
 __all__ = ["app", "main"]
 
 for command in (
-    report.urdf, report.equations, report.reproduce, laws.simulate, laws.compare, laws.drift, compiled.sweep, compiled.identify,
-    compiled.export, compiled.doctor, compiled.bench, view.view,
+    report.urdf, report.equations, report.reproduce, laws.simulate, laws.compare, laws.learning, laws.drift,
+    compiled.sweep, compiled.identify, compiled.export, compiled.doctor, compiled.bench, view.view,
 ):  # fmt: skip
     app.command()(command)
 

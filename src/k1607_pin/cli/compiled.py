@@ -196,7 +196,8 @@ def identify(
         bool, typer.Option("--anywhere", help="Begin at drawn postures; from the committed set when left out.")
     ] = False,
     limits: Annotated[
-        bool | None, typer.Option(help="Keep to the assumed joint limits; as the committed set when left out.")
+        bool | None,
+        typer.Option(help="Keep to the assumed limits of the joint angles; as the committed set when left out."),
     ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="One a processor when left out.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the set and its ratios as JSON.")] = False,
@@ -247,7 +248,8 @@ def identify(
     console.print(values, highlight=False)
     met, near = (int((np.abs(found - 1) <= share).sum()) for share in (WITHIN, 0.1))
     console.print(
-        f"{met} of 16 within 25 %, {near} within 10 %; {search.rollouts:,} rollouts; all of it: {out}", highlight=False
+        f"{met} of 16 within 25 % in magnitude, {near} within 10 %; {search.rollouts:,} rollouts; all of it: {out}",
+        highlight=False,
     )
 
 

@@ -187,6 +187,67 @@ def _best(rows: "list[Row]") -> None:
     console.print(table)
 
 
+def learning(
+    case: Annotated[int, typer.Argument(help="1, the straight line, or 2, the circle.")] = 1,
+    law: Annotated[
+        str, typer.Option(help="recommended, or a law of `k1607 compare` that learns, such as 'joint adaptive + g'.")
+    ] = "recommended",
+    period: Annotated[float, typer.Option(help="Control period in ms; of recommended settings 1 alone.")] = 1.0,
+    hold: Annotated[
+        float | None, typer.Option(help="s: hold still for so long instead, the payload in the middle third.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for learning.nc (for xarray) and the figure.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the curve as JSON instead of a table.")] = False,
+) -> None:
+    """Sweep a law's learning rate from none to where the loop is lost, in compiled rollouts, and tell what learning earns.
+
+    \b
+    Examples:
+        k1607 learning 1
+        k1607 learning 2 --law "joint adaptive + g" --period 10 --out learning
+        k1607 learning 1 --hold 60
+    """
+    from k1607_pin.files import write_atomically
+    from k1607_pin.report.cases import study_case
+    from k1607_pin.report.laws import LAWS
+    from k1607_pin.report.learning import compared, holding, learning_curve
+    from k1607_pin.report.learning_figure import figure_learning
+    from k1607_pin.report.runs import write_figure
+
+    if law != "recommended" and law not in LAWS:
+        raise ValueError(f"--law: expected recommended or one of {', '.join(LAWS)}, got {law!r}")
+    if law == "recommended":
+        study = study_case(case, "recommended", control_period=period * 1e-3)
+    else:
+        study = compared(law, case, period * 1e-3)
+    curve = learning_curve(study if hold is None else holding(study, hold))
+    names = ("factor", "rate", "rms", "largest", "holds", "lost")
+    rows = [
+        dict(zip(names, row, strict=True)) for row in zip(*(curve[name].values.tolist() for name in names), strict=True)
+    ]
+    if as_json:
+        told = {name: finite(float(curve.attrs[name])) for name in ("own", "holds_to", "lost_from", "bound")}
+        print(json.dumps(told | {"rates": [{k: finite(x) for k, x in row.items()} for row in rows]}, indent=2))
+    else:
+        table = Table(title=f"Case {case}, {law}: RMS distance of the tool over the law's learning rate")
+        for column in ("rate, 1/s", "of its own", "RMS, mm", "of none", ""):
+            table.add_column(column, justify="right" if column else "left")
+        for row in rows:
+            verdict = "" if row["holds"] else "lost" if row["lost"] else "undecided"
+            numbers = (f"{1e3 * row['rms']:.4g}", f"{row['rms'] / rows[0]['rms']:.3f}") if not row["lost"] else ("", "")
+            table.add_row(f"{row['rate']:.3g}", f"{row['factor']:.3g}", *numbers, verdict)
+        console.print(table)
+        console.print(
+            f"Its own rate is {curve.own:.3g} /s. Holds up to {curve.holds_to:.3g} /s, is lost from {curve.lost_from:.3g} /s on: "
+            f"the tool more than {1e3 * curve.bound:.3g} mm off its path, or the numbers run away.",
+            highlight=False,
+        )
+    if out is not None:
+        write_atomically(out / "learning.nc", bytes(curve.astype(float).to_netcdf()))
+        write_figure(out / "learning", figure_learning({f"case {case}": {law: curve}}))
+        Console(stderr=True, highlight=False).print(f"Curve and figure: {out / 'learning.nc'}, {out / 'learning.png'}")
+
+
 def drift(
     out: Annotated[Path, typer.Option(help="Folder for gain-drift.nc (for xarray) and the figure.")] = Path("out"),
     minutes: Annotated[float, typer.Option(help="How long the arm holds still.")] = 10.0,

@@ -139,7 +139,7 @@ def _comparison(title: str, reference: str, rows: "list[Comparison]") -> None:
             "green"
             if r.verdict in ("met", "agrees")
             else "yellow"
-            if r.verdict.startswith(("contradicts", "within"))
+            if r.verdict.startswith(("contradicts", "met in"))
             else "bold red"
         )
         ratio = "" if r.ratio is None else f"{r.ratio:.3f}"

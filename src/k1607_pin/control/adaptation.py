@@ -9,7 +9,7 @@ the lower half of P E (printed without the transposition, which matters when P_2
     (74):         K_p' = -beta_1 Upsilon x_e^T                         printed without the minus sign
     (76):         K_p' = +beta_1 (P_2^T x_e + P_3 x_e') x_e^T          as printed, but for the transposition
 
-so that (76)-(77) are right: (74)-(75) follow from the slip in (72)-(73), and the step to (76)-(77) drops it again.
+so that the signs of (76)-(77) are right: (74)-(75) follow from the slip in (72)-(73), and the step to (76)-(77) drops it again.
 """
 
 from typing import Any, NamedTuple

@@ -33,6 +33,8 @@ class Equation:
     """What was mended, and other remarks."""
     gap: str = ""
     """What the report's argument lacks here; ``printed`` then says by how much, and it is no printer's mistake."""
+    slip: bool = False
+    """``printed`` shows a printer's mistake all the same; the gap is in what is made of the equation."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def check(equation: Equation) -> Checked:
     if not residual <= equation.tolerance or exact is False:
         verdict = "fails"
     elif equation.lost or (printed is not None and not printed <= equation.tolerance):
-        verdict = "gap" if equation.gap else "misprint"
+        verdict = "gap" if equation.gap and not equation.slip else "misprint"
     else:
         verdict = "definition" if equation.definition else "holds"
     return Checked(

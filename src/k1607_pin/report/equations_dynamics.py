@@ -4,12 +4,12 @@ import numpy as np
 import pinocchio as pin
 
 from k1607_pin.arm.load import load_k1607
-from k1607_pin.control import adaptation, cartesian, error_system
-from k1607_pin.report import polynomials_error_system
+from k1607_pin.control import adaptation, error_system, pose
+from k1607_pin.report import polynomials_error_system, sample_motion
 from k1607_pin.report.equations import Equation
 from k1607_pin.report.sample import gap
 from k1607_pin.report.sample_loops import LINEAR, ROUNDING, loops, slope, system, z_dot
-from k1607_pin.report.sample_motion import motion, pose, space
+from k1607_pin.report.sample_motion import motion, space
 
 SMALL = 1e-3  # rad, m
 
@@ -25,7 +25,7 @@ def _force(null_space: bool) -> float:
         x_dot = pin.getFrameVelocity(model, data, tool, pin.LOCAL_WORLD_ALIGNED).vector
         x_ddot = pin.getFrameClassicalAcceleration(model, data, tool, pin.LOCAL_WORLD_ALIGNED).vector
         s = space(arm, q, v)
-        sum_ = s.Lambda @ x_ddot + s.Phi @ x_dot + s.Gamma @ pose(arm, q)
+        sum_ = s.Lambda @ x_ddot + s.Phi @ x_dot + s.Gamma @ sample_motion.pose(arm, q)
         worst = max(worst, gap(sum_ + s.bias_nullspace if null_space else sum_, force))
     return worst
 
@@ -46,7 +46,7 @@ def _pose_error(as_printed: bool) -> float:
         step *= SMALL / np.linalg.norm(step[3:])
         R_d, p_d = pin.exp3(step[3:]) @ R, p + step[:3]
         printed = np.concatenate([p_d - p, pin.log3(R_d) - pin.log3(R)])
-        worst = max(worst, gap(printed if as_printed else cartesian.pose_error(p, R, p_d, R_d), step))
+        worst = max(worst, gap(printed if as_printed else pose.pose_error(p, R, p_d, R_d), step))
     return worst
 
 
@@ -130,7 +130,7 @@ EQUATIONS: list[Equation] = [
     Equation(
         41,
         "The Cartesian error is the wanted less the actual position.",
-        "control.cartesian.pose_error",
+        "control.pose.pose_error",
         f"exponential map, displacements of {SMALL} rad and about as many m; agrees to third order",
         lambda: _pose_error(as_printed=False),
         SMALL**3 / 24 * 1.01,

@@ -4,6 +4,7 @@ from functools import cache
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from k1607_pin.compiled.trace import trace
 from k1607_pin.description.dh import table_1
@@ -26,13 +27,18 @@ def _axes() -> float:
 
 
 def _levers(fourth: float) -> float:
-    """(16), the fourth row included, ours against Pinocchio's frames: x0 = (0, 0, 0, 1), ``fourth`` stands below p_i."""
+    """(16) with ``fourth`` below p_i, x0 = (0, 0, 0, 1): ours against Pinocchio's frames, as seen from a base put elsewhere.
+
+    What stands there decides how p_i goes along with the base: with 0 it turns, as a difference of points does; with 1 it is
+    moved as well, as if it were a point.
+    """
     steps, T, x0 = product.frame_transforms(table_1(), *cs()), frames(), np.array([0, 0, 0, 1.0])
+    base = pin.exp6(pin.Motion(np.array([0.3, -0.2, 0.4]), np.array([0.5, 0.1, -0.7]))).homogeneous
     worst = 0.0
     for step, joint in zip(steps, T, strict=True):
         _, lever = product.axis_and_lever(step, steps[-1])
-        left = np.stack([*lever, np.full(POSES, fourth)], -1)
-        worst = max(worst, gap(left, T[-1] @ x0 - joint @ x0))
+        left = np.stack([*lever, np.full(POSES, fourth)], -1) @ base.T
+        worst = max(worst, gap(left[:, :3], (base @ T[-1] @ x0 - base @ joint @ x0)[:, :3]))
     return worst
 
 
@@ -83,14 +89,20 @@ def _weights(rng: np.random.Generator) -> np.ndarray:
 
 
 def _inverse_solution() -> float:
-    """(21) with z = 0 against the Karush-Kuhn-Tucker system of: minimise q_dot^T W^-1 q_dot subject to J q_dot = x_dot."""
+    """(21) against the Karush-Kuhn-Tucker system of: minimise (q_dot - z)^T W^-1 (q_dot - z) subject to J q_dot = x_dot.
+
+    That is what the second term does: of all the solutions it takes the one nearest z; with z = 0, the least.
+    """
     rng, worst = np.random.default_rng(21), 0.0
     for J in _well_conditioned():
         W, x_dot, z = _weights(rng), rng.normal(size=6), rng.normal(size=7)
         kkt = np.block([[np.linalg.inv(W), J.T], [J, np.zeros((6, 6))]])
-        best = np.linalg.solve(kkt, np.concatenate([np.zeros(7), x_dot]))[:7]
-        with_z = differential.joint_velocity(J, x_dot, z, W)
-        worst = max(worst, gap(differential.joint_velocity(J, x_dot, W=W).velocity, best), gap(with_z.residual, 0))
+        for wanted, ours in (
+            (np.zeros(7), differential.joint_velocity(J, x_dot, W=W)),
+            (z, differential.joint_velocity(J, x_dot, z, W)),
+        ):
+            best = np.linalg.solve(kkt, np.concatenate([np.linalg.solve(W, wanted), x_dot]))[:7]
+            worst = max(worst, gap(ours.velocity, best), gap(ours.residual, 0))
     return worst
 
 
@@ -152,7 +164,8 @@ EQUATIONS: list[Equation] = [
         lambda: _levers(0.0),
         ROUNDING,
         printed=lambda: _levers(1.0),
-        note="Printed with 1 below p_i on the left; the right side's fourth entry is 1 - 1 = 0: a free vector, not a point.",
+        note="Printed with 1 below p_i on the left; the right side's fourth entry is 1 - 1 = 0: a free vector, not a point. Seen "
+        "from a base elsewhere, the printed one is off by the way there.",
     ),
     Equation(
         17,
@@ -195,10 +208,11 @@ EQUATIONS: list[Equation] = [
         21,
         "The weighted least-norm joint velocity, plus any null-space motion.",
         "kinematics.differential.joint_velocity",
-        "Karush-Kuhn-Tucker solve; J q_dot = x_dot for random z",
+        "Karush-Kuhn-Tucker solve: the solution nearest z, random z and z = 0",
         _inverse_solution,
         1e-9,
-        note="Minimises q_dot^T W^-1 q_dot only for z = 0. Tolerance: condition numbers of up to 1e4 of J and W each.",
+        note="Minimises q_dot^T W^-1 q_dot only for z = 0; in general it is the solution nearest z. "
+        "Tolerance: condition numbers of up to 1e4 of J and W each.",
     ),
     Equation(
         22,

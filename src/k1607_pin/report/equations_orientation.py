@@ -78,26 +78,21 @@ def _increments() -> tuple[np.ndarray, np.ndarray]:
     return eta1 * eta2 + (s1 * s2).sum(-1), delta_s
 
 
-def _quaternion_of_increment(which: str) -> float:
-    """(33)-(34) as printed against the quaternion of R2 R1^T ("base") or R1^T R2 ("body")."""
-    R1, R2 = pairs()
-    eta, s = _increments()
-    return up_to_sign(np.column_stack([eta, s]), _eigen(R2 @ T(R1) if which == "base" else T(R1) @ R2))
-
-
 def _scalar_of_increment() -> float:
     R1, R2 = pairs()
     ours = o.relative_quaternion_base(o.quaternion(R1), o.quaternion(R2))[:, 0]
     return max(gap(np.abs(_increments()[0]), _eigen(R2 @ T(R1))[:, 0]), gap(np.abs(ours), _eigen(R2 @ T(R1))[:, 0]))
 
 
-def _implemented_increment() -> float:
+def _increment() -> float:
+    """(33)-(34), ours and as printed, against the quaternion of R2 R1^T; ours of R1^T R2 against that."""
     R1, R2 = pairs()
     q1, q2 = o.quaternion(R1), o.quaternion(R2)
+    eta, s = _increments()
     return max(
         up_to_sign(o.relative_quaternion_base(q1, q2), _eigen(R2 @ T(R1))),
+        up_to_sign(np.column_stack([eta, s]), _eigen(R2 @ T(R1))),
         up_to_sign(o.relative_quaternion_body(q1, q2), _eigen(T(R1) @ R2)),
-        _quaternion_of_increment("base"),
     )
 
 
@@ -116,11 +111,14 @@ def _from_1_to_2() -> float:
 
 
 def _differential(sign: float) -> np.ndarray:
-    """(500, 3, 3): I + differential rotation as in (36), read off small rotations, with the given sign of element (1, 3)."""
+    """(500, 3, 3): I + differential rotation as in (36), read off small rotations, with the given sign of element (1, 3).
+
+    The exponential's second-order term, which (36) drops, is added: without it a wrong differential rotation would hide in it.
+    """
     _, R = small()
-    matrix = np.eye(3) + o.cross_matrix(o.differential_rotation(R))
-    matrix[:, 0, 2] *= sign
-    return matrix
+    rotation = o.cross_matrix(o.differential_rotation(R))
+    rotation[:, 0, 2] *= sign
+    return np.eye(3) + rotation + rotation @ rotation / 2
 
 
 def _differential_of_pair(sign: float) -> float:
@@ -137,6 +135,7 @@ def _twice_the_vector() -> float:
 
 
 PINOCCHIO = "Pinocchio (Eigen) quaternions, 500 random rotations"
+SECOND_ORDER = f"exponential map, {SMALL} rad; agrees to third order, once the second-order term is added"
 
 EQUATIONS: list[Equation] = [
     Equation(
@@ -233,19 +232,18 @@ EQUATIONS: list[Equation] = [
         "Vector part of the quaternion between two frames.",
         "kinematics.orientation.relative_quaternion_base",
         PINOCCHIO,
-        _implemented_increment,
+        _increment,
         ROUNDING,
-        printed=lambda: _quaternion_of_increment("body"),
-        note="Printed as that of R_1^T R_2 (no bar); with (26) it is that of R_2 R_1^T, which (37) needs. With the quaternion of "
-        "(28) as printed, s -> -s, it would be that of R_1^T R_2: (28) and (34) are of one convention, (26) and (37) of another.",
+        note="Right as it stands: with the quaternion of (26) it is that of R_2 R_1^T, which (37) and (38) use. Only the "
+        "sentence before (33) has lost the bar. With that of (28) as printed, s -> -s, it would be the one of R_1^T R_2.",
     ),
     Equation(
         35,
         "Frame 2 from frame 1 by a differential rotation about base axes.",
         "kinematics.orientation.differential_rotation",
-        f"exponential map, {SMALL} rad; agrees to second order",
+        SECOND_ORDER,
         lambda: _differential_of_pair(+1.0),
-        SMALL**2,
+        SMALL**3 / 6,
         printed=lambda: _differential_of_pair(-1.0),
         note="Element (1, 3): printed -delta_y, should be +delta_y.",
     ),
@@ -253,9 +251,9 @@ EQUATIONS: list[Equation] = [
         36,
         "The differential rotation alone.",
         "kinematics.orientation.differential_rotation",
-        f"exponential map, {SMALL} rad; agrees to second order",
+        SECOND_ORDER,
         lambda: gap(_differential(+1.0), small()[1]),
-        SMALL**2,
+        SMALL**3 / 6,
         printed=lambda: gap(_differential(-1.0), small()[1]),
         note="Element (1, 3): printed -delta_y, should be +delta_y. As printed, (26) would give gamma = 0 whatever delta_y is.",
     ),

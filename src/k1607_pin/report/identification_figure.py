@@ -69,7 +69,7 @@ def _ratios(axes: Axes, ours: np.ndarray) -> None:
         xlabel="ours / published",
         xlim=(min(0.7, ours.min() - 0.03), max(1.3, ours.max() + 0.03)),
     )
-    axes.set_title(f"{near.sum()} within 10 %, {met.sum()} within 25 %", fontsize=9, loc="left")
+    axes.set_title(f"magnitudes: {near.sum()} within 10 %, {met.sum()} within 25 %", fontsize=9, loc="left")
 
 
 def _bars(axes: Axes, which: np.ndarray, values: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:

@@ -134,7 +134,8 @@ def identify(
     seed : the same seed, the same search, however often it was interrupted.
     start : table like "report" of `study_cases.toml` to begin at; None draws postures anywhere, and takes of the committed table
         what is not searched (gravity, how a payload is gripped, period).
-    limits : keep to the assumed joint limits; False for joints that turn round and round, None for what the table has.
+    limits : keep to the assumed limits of the joint angles (torques are not limited); False for joints that turn round and
+        round, None for what the table has.
     out : JSON file that is written after each expedition, and gone on with if it is there.
     published : (16,) in, in/s, instead of the report's.
     threads : None for as many as there are processors.

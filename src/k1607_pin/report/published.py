@@ -38,7 +38,8 @@ class Comparison:
     ratio: float | None
     """ours / published; None where the report gives a word."""
     verdict: str
-    """met | not met | agrees | disagrees | contradicts figure 6 | derived (from another entry: no evidence of its own)"""
+    """met | met in magnitude (with the opposite sign) | not met | agrees | disagrees | contradicts figure 6 | derived
+    (from another entry: no evidence of its own)"""
     rests_on: str
     """Assumptions and identified values it hangs on."""
 

@@ -48,7 +48,8 @@ def reproduce(
     for name, figure in of_cases.items():
         write_figure(out / name, figure)
     progress("equations and page")
-    write_atomically(out / "index.html", _page(out, trajectory, results, aims, list(of_cases), premise))
+    beyond = {n: published_cases.overdriven(*runs[n, "report"]) for n in case_figures.CASES}
+    write_atomically(out / "index.html", _page(out, trajectory, results, aims, list(of_cases), premise, beyond))
     return results, aims
 
 
@@ -59,6 +60,7 @@ def _page(
     aims: list[Comparison],
     case_figures: list[str],
     premise: dict[int, tuple[float, float]],
+    beyond: dict[int, list[published_cases.Overdriven]],
 ) -> str:
     facts = data.load("published")
     rng = np.random.default_rng(0)
@@ -77,6 +79,7 @@ def _page(
         figures=list(FIGURES),
         case_figures=case_figures,
         premise=premise,
+        overdriven=[(number, *joint) for number, joints in beyond.items() for joint in joints],
         compared=(out / "comparison.png").exists(),
         readings=studies.delta_beta_readings(trajectory),
         allowed=published.allowed_by_figure_6(facts["part1"]["wx_max_error_mrad_s"]["100ms"]),

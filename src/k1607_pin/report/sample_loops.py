@@ -107,6 +107,25 @@ def adapted_rates(model: ReferenceModel, beta: tuple[float, float] = BETA) -> Ga
     return Gains(np.array([row.K_p for row in rows]), np.array([row.K_d for row in rows]))
 
 
+def driven_by(name: str, model: ReferenceModel) -> np.ndarray:
+    """(LOOPS, 6, 6) derivative of (E^T P E)', E = -z, by each entry of one of B_1 to B_4: complex steps along (55).
+
+    It is what the term of (56) with that matrix has to make up for, (61)-(62).
+    """
+    s, B, derivative = loops(), system(), np.empty((LOOPS, 6, 6))
+    for i, j in np.ndindex(6, 6):
+        unit = np.zeros((6, 6))
+        unit[i, j] = 1
+
+        def rate(step: complex, unit: np.ndarray = unit) -> Any:
+            moved = B._replace(**{name: getattr(B, name) + step * unit})
+            E_dot = error_system.error_rate(-s.z, s.z, s.u, moved, model.Delta)
+            return 2 * np.einsum("ki,ij,kj->k", E_dot, model.P, -s.z)
+
+        derivative[:, i, j] = slope(rate)
+    return derivative
+
+
 def lyapunov_slope(model: ReferenceModel, gains: Gains, gain_rates: Gains, Psi: Weights, u: np.ndarray) -> np.ndarray:
     """(LOOPS,) v' of (56) with E = -z, by a complex step along (39)-(41) and the gains' rates."""
     s = loops()

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.load import load_k1607
 from k1607_pin.control.adaptation import Gains, gain_rates, proportional_derivative
-from k1607_pin.control.cartesian import gains_from_inertia, pose_error
+from k1607_pin.control.cartesian import gains_from_inertia
+from k1607_pin.control.pose import pose_error
 from k1607_pin.dynamics import operational_space as dynamics
 from k1607_pin.paths.report_paths import Line
 from k1607_pin.report.sample_loops import design
