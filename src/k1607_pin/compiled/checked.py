@@ -22,6 +22,7 @@ from k1607_pin.compiled.reasons import reason
 from k1607_pin.compiled.traced_arm import inertial_parameters
 from k1607_pin.compiled.traced_loop import torque_of
 from k1607_pin.compiled.tracer import TracingError
+from k1607_pin.simulation import torques
 
 logger = logging.getLogger(__name__)
 
@@ -119,7 +120,7 @@ def _compare(
     rows: Sequence[Any],
     nests: Sequence[Any],
 ) -> None:
-    held = np.array([setup.plant.motor_torque(x[: loop.n]) for x in rows])
+    held = np.array([torques.motor(setup.plant, x[: loop.n]) for x in rows])
     tau = np.where(np.isfinite(held).all(axis=1)[:, None], held, 0.0)
     wanted = {"controller.update": np.array(rows, dtype=float)}
     if "initial" in loop.programs:
@@ -272,7 +273,7 @@ def _outputs(
     """Limited torque, next state, metrics after one sample, and what is logged, in a row as the law's program gives them."""
     asked = np.asarray(asked, dtype=float)
     limited = "plant.torque_limit" in loop.parameters or np.isfinite(setup.plant.torque_limit).any()
-    tau = setup.plant.motor_torque(asked)
+    tau = torques.motor(setup.plant, asked)
     if limited:
         tau = np.where(np.isfinite(asked), tau, np.inf)
     if loop.logged or loop.metrics:
@@ -305,7 +306,7 @@ def _stepped(setup: Setup, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarr
 
     def acceleration(q: np.ndarray, v: np.ndarray) -> Any:
         push = 0.0 if external is None else torque_of(external, arm, t, q, v)
-        return setup.plant.acceleration(q, v, tau, push)
+        return torques.acceleration(setup.plant, q, v, tau, push)
 
     return np.concatenate(setup.step(acceleration, q, v, setup.physics_step))
 

@@ -17,6 +17,7 @@ from k1607_pin.compiled.trace import numpy_mode
 from k1607_pin.compiled.traced_arm import TracedArm
 from k1607_pin.compiled.tracer import Tracer, TracingError, column, explained, program_of, symbol_array
 from k1607_pin.dynamics.rigid_body import inertia_from, rigidly_carried
+from k1607_pin.simulation import torques
 from k1607_pin.simulation.names import require_names
 from k1607_pin.simulation.plant import Plant
 
@@ -153,7 +154,7 @@ class _Tracing:
             asked = np.stack(asked) if isinstance(asked, list | tuple) else asked
         if (count := len(_entries(asked))) != self.n:
             raise TracingError(f"controller.update: expected a torque of shape ({self.n},), got {count} numbers")
-        tau = plant.motor_torque(asked)
+        tau = torques.motor(plant, asked)
         may_limit = "plant.torque_limit" in self.shapes or np.isfinite(self.setup.plant.torque_limit).any()
         if may_limit:  # what is not finite must not become a limit, and look well
             tau = np.where(np.abs(asked) < np.inf, tau, np.inf)
@@ -221,7 +222,7 @@ class _Tracing:
             if external is not None:
                 with explained("external"):
                     push = torque_of(external, plant.arm, physics.time[0], q, v)
-            return loaded_plant.acceleration(q, v, self.tau, push)
+            return torques.acceleration(loaded_plant, q, v, self.tau, push)
 
         asked: list[tuple[Any, Any]] = []
         results: list[Any] = []

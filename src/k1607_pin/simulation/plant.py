@@ -1,12 +1,16 @@
 """The plant: an arm with friction, torque limits and joint stops."""
 
 from dataclasses import dataclass, field, replace
+from math import isfinite
+from typing import Any
 
 import numpy as np
 
-from k1607_pin.arm.arm import Arm
+from k1607_pin.arguments import as_floats, numbers, seen_through, shown
+from k1607_pin.arm.arm import UNITS, Arm
+from k1607_pin.simulation import torques
 
-REST = 1e-3  # rad/s (m/s): speed over which Coulomb friction turns round, so that it has a value at rest
+FLOAT = np.dtype(float)
 
 
 def plant_of(plant: "Plant | Arm") -> "Plant":
@@ -20,7 +24,7 @@ def plant_of(plant: "Plant | Arm") -> "Plant":
     if isinstance(plant, Plant):
         return plant
     if not isinstance(plant, Arm):
-        raise ValueError(f"plant: expected a Plant or an Arm (load_k1607, load_urdf, load_example), got {plant!r:.80}")
+        raise ValueError(f"plant: expected a Plant or an Arm (load_k1607, load_urdf, load_example), got {shown(plant)}")
     return Plant(plant)
 
 
@@ -39,7 +43,7 @@ class Plant:
     """(n,) N m s: viscous friction; empty for none."""
     coulomb: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n,) N m: Coulomb friction; empty for none. At rest it chatters by coulomb dt / 2 M unless the step dt is well below
-    REST M / coulomb."""
+    `torques.REST` M / coulomb."""
     torque_limit: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n,) N m: largest torque of each motor; empty for none."""
     stop_stiffness: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -52,13 +56,15 @@ class Plant:
     _has_stops: bool = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        _require_arm(self.arm)
+        n = self.arm.n
         for name in ("viscous", "coulomb", "torque_limit", "stop_stiffness", "stop_damping"):
             default = np.inf if name == "torque_limit" else 0.0
-            x = np.array(getattr(self, name), dtype=float)
-            x = np.full(self.arm.n, default) if x.size == 0 else x
+            x = np.array(as_floats(name, getattr(self, name), f"({n},) numbers >= 0"))
+            x = np.full(n, default) if x.size == 0 else x
             finite = np.isfinite(x) | ((x == np.inf) & (name == "torque_limit"))
-            if x.shape != (self.arm.n,) or not finite.all() or (x < 0).any():
-                raise ValueError(f"{name}: expected ({self.arm.n},) numbers >= 0, got {getattr(self, name)!r}")
+            if x.shape != (n,) or not finite.all() or (x < 0).any():
+                raise ValueError(f"{name}: expected ({n},) numbers >= 0, got {shown(getattr(self, name))}")
             object.__setattr__(self, name, x)
         object.__setattr__(self, "_lower", self.arm.lower)
         object.__setattr__(self, "_upper", self.arm.upper)
@@ -70,8 +76,7 @@ class Plant:
 
         ``others`` : torque limits and stops, as for `Plant`.
         """
-        if not isinstance(arm, Arm):
-            raise ValueError(f"arm: expected an Arm (load_k1607, load_urdf, load_example), got {arm!r:.80}")
+        _require_arm(arm)
         return cls(arm, **({"viscous": arm.damping, "coulomb": arm.friction} | others))
 
     def carrying(self, arm: Arm) -> "Plant":
@@ -80,40 +85,52 @@ class Plant:
 
     def motor_torque(self, tau: np.ndarray) -> np.ndarray:
         """(n,) N m that the motors give when asked for tau (n,)."""
-        return np.clip(tau, -self.torque_limit, self.torque_limit)
+        return torques.motor(self, *self._vectors(("tau",), tau))
 
     def loss_torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(n,) N m against the motion that turns energy into heat: friction, Coulomb's part smoothed over `REST`, and the
+        """(n,) N m against the motion that turns energy into heat: friction, Coulomb's part smoothed over `torques.REST`, and the
         stops' damping."""
-        friction = self.viscous * v + self.coulomb * np.tanh(v / REST)
-        return friction + self._stop_loss(self._beyond(q), v) if self._has_stops else friction
+        return torques.loss(self, *self._vectors(("q", "v"), q, v))
 
     def spring_torque(self, q: np.ndarray) -> np.ndarray:
         """(n,) N m: the stops' elastic part, towards the range."""
-        return -self.stop_stiffness * self._beyond(q)
+        return torques.spring(self, *self._vectors(("q",), q))
 
     def passive_torque(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(n,) N m that friction and stops add to the motors'."""
-        torque = -self.loss_torque(q, v)
-        return torque + self.spring_torque(q) if self._has_stops else torque
+        return torques.passive(self, *self._vectors(("q", "v"), q, v))
 
     def acceleration(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, external: np.ndarray | float = 0.0
     ) -> np.ndarray:
-        """(n,) rad/s^2 at q, v (n,) when the motors are asked for tau (n,) and the world adds ``external`` (n,) N m."""
-        return self.arm.forward_dynamics(q, v, self.motor_torque(tau) + self.passive_torque(q, v) + external)
+        """(n,) rad/s^2 at q, v (n,) when the motors are asked for tau (n,) and the world adds ``external`` N m, (n,) or 0."""
+        q, v, tau = self._vectors(("q", "v", "tau"), q, v, tau)
+        if type(external) is not float:
+            (external,) = self._vectors(("external",), external)
+        return torques.acceleration(self, q, v, tau, external)
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """J: kinetic (rotors included), potential, and that of the stops' springs."""
+        q, v = self._vectors(("q", "v"), q, v)
         energy = self.arm.energy(q, v)
-        return energy + float(self.stop_stiffness @ self._beyond(q) ** 2) / 2 if self._has_stops else energy
+        return energy + float(self.stop_stiffness @ torques.beyond(self, q) ** 2) / 2 if self._has_stops else energy
 
-    def _beyond(self, q: np.ndarray) -> np.ndarray:
-        """(n,) rad by which each joint is past its range, with its sign; 0 within."""
-        return np.maximum(q - self._upper, 0.0) - np.maximum(self._lower - q, 0.0)
+    def _vectors(self, names: tuple[str, ...], *vectors: Any) -> tuple[Any, ...]:
+        """Each as (n,) finite floats, or a tracer's symbols as they are; one look at all where they are floats already."""
+        shape, squares = self._lower.shape, 0.0
+        for x in vectors:
+            if type(x) is not np.ndarray or x.dtype is not FLOAT or x.shape != shape:
+                break
+            squares += x.dot(x)  # finite only of what is finite; of huge numbers it is not, which are looked at below
+        else:
+            if isfinite(squares):
+                return vectors
+        return tuple(
+            seen_through(name, x, numbers, shape, UNITS.get(name, "N m"))
+            for name, x in zip(names, vectors, strict=True)
+        )
 
-    def _stop_loss(self, beyond: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """The stop's push less its elastic part; a stop pushes and never pulls."""
-        spring = self.stop_stiffness * beyond
-        push = spring + self.stop_damping * np.abs(np.sign(beyond)) * v
-        return np.where(push * beyond > 0, push, 0.0) - spring
+
+def _require_arm(arm: Any) -> None:
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm: expected an Arm (load_k1607, load_urdf, load_example), got {shown(arm)}")

@@ -1,17 +1,19 @@
 """One closed-loop rollout at Python speed: any controller, payloads on a schedule, forces from outside, and an energy account."""
 
 from collections.abc import Callable, Mapping, Sequence
-from numbers import Real
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
 
+from k1607_pin.arguments import as_floats, number, shown
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.payload import velocity_after_gripping, with_payload
 from k1607_pin.arm.wrench import Wrench, wrench_at_tool, wrench_torque
 from k1607_pin.control.finite import NotFiniteError
 from k1607_pin.kinematics.differential import SingularJacobianError
+from k1607_pin.simulation import torques
 from k1607_pin.simulation.account import work_rule
 from k1607_pin.simulation.integrators import Acceleration, State, semi_implicit_euler
 from k1607_pin.simulation.names import DIRECTIONS, VARIABLES, Variables, require_names
@@ -47,7 +49,7 @@ def require_controller(controller: Any) -> None:
     missing = [name for name in ("start", "update") if not callable(getattr(controller, name, None))]
     if missing or isinstance(controller, type):
         raise ValueError(
-            f"controller: expected an object with start(q, v, duration) and update(t, q, v, state), got {controller!r:.80}"
+            f"controller: expected an object with start(q, v, duration) and update(t, q, v, state), got {shown(controller)}"
         )
 
 
@@ -155,7 +157,7 @@ def simulate(
             plant, carried = loaded, payload
             brought += plant.energy(q, v) - before
         try:
-            asked, state, log = controller.update(t, q.copy(), v.copy(), state)
+            asked, state, log = _answer(controller.update(t, q.copy(), v.copy(), state), bare.n)
             if observe:
                 seen = observe(plant.arm, q, v)
                 if both := log.keys() & seen.keys():
@@ -170,11 +172,8 @@ def simulate(
         except Exception as error:
             error.add_note(f"in simulate, at t = {t:.6g} s, q = {q.tolist()}, v = {v.tolist()}")
             raise
-        asked = np.asarray(asked, dtype=float)
-        if asked.shape != (bare.n,):
-            raise ValueError(f"controller: expected a torque of shape ({bare.n},), got {asked.shape}")
         _require_names(log, records)
-        tau = plant.motor_torque(asked)
+        tau = torques.motor(plant, asked)
         energy = plant.energy(q, v)
         pushed, contact = _contact(plant.arm, external, t, q, v)
         records.append(
@@ -182,7 +181,7 @@ def simulate(
                 "q": q,
                 "v": v,
                 "tau": tau,
-                "passive_torque": plant.passive_torque(q, v) + pushed,
+                "passive_torque": torques.passive(plant, q, v) + pushed,
                 "tool_position": bare.forward_kinematics(q).translation,
                 "payload": carried.mass,
                 "payload_changes": changes,
@@ -210,7 +209,7 @@ def simulate(
                 log_so_far = _dataset(records, control_period, bare, variables)
                 raise SimulationError(t + i * physics_step, q, v, log_so_far)
             work += float(tau @ (q_next - q))  # exact: the torque is held
-            dissipated += work_of(plant.loss_torque, (q, v), (q_next, v_next), physics_step)
+            dissipated += work_of(partial(torques.loss, plant), (q, v), (q_next, v_next), physics_step)
             if push:
                 from_outside += work_of(push, (q, v), (q_next, v_next), physics_step)
             q, v = q_next, v_next
@@ -258,16 +257,28 @@ def _step(
     def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         if not (np.isfinite(q).all() and np.isfinite(v).all()):  # an intermediate state
             return np.full_like(q, np.nan)
-        return plant.acceleration(q, v, tau, push(q, v) if push else 0.0)
+        return torques.acceleration(plant, q, v, tau, push(q, v) if push else 0.0)
 
     with np.errstate(over="ignore", invalid="ignore"):
         return step(acceleration, q, v, dt)
 
 
+def _answer(given: Any, n: int) -> tuple[np.ndarray, Any, Mapping[str, Any]]:
+    """Of a controller's update, as `Controller` says."""
+    if not isinstance(given, tuple | list) or len(given) != 3 or not isinstance(given[2], Mapping):
+        raise ValueError(
+            "controller.update: expected three things back, a torque, the next state and a mapping of arrays to log "
+            f"({{}} for none), got {shown(given)}"
+        )
+    asked = as_floats("controller", given[0], f"a torque of shape ({n},)")
+    if asked.shape != (n,):
+        raise ValueError(f"controller: expected a torque of shape ({n},), got {asked.shape}")
+    return asked, given[1], given[2]
+
+
 def grid(duration: float, control_period: float, physics_step: float) -> tuple[int, int]:
     for name, value in (("duration", duration), ("control_period", control_period), ("physics_step", physics_step)):
-        if not isinstance(value, Real | np.ndarray) or not 0 < value < np.inf:
-            raise ValueError(f"{name}: expected a positive time in s, got {value!r}")
+        number(name, value, above=0, unit="s")
     samples, substeps = round(duration / control_period), round(control_period / physics_step)
     if samples < 1 or abs(samples * control_period - duration) > 1e-9 * duration:
         raise ValueError(

@@ -7,7 +7,7 @@ import numpy as np
 
 from k1607_pin.arm.arm import Arm
 from k1607_pin.arm.wrench import Wrench
-from k1607_pin.simulation.plant import REST
+from k1607_pin.simulation.torques import REST
 
 
 @dataclass(frozen=True)
