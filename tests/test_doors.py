@@ -134,7 +134,7 @@ WORDS: dict[str, tuple[Any, str]] = {
 """Doors that want no numbers."""
 
 ELSEWHERE = {
-    "CartesianAdaptive", "Drawn", "Grid", "Integers", "Listed", "LogUniform", "Normal", "Payload", "Plant", "Scaled", "Uniform",
+    "CartesianAdaptive", "Drawn", "Entries", "Grid", "Integers", "Listed", "LogUniform", "Normal", "Payload", "Plant", "Scaled", "Uniform",
     "Wrench", "batch", "export", "load_example", "load_k1607", "load_urdf", "rollout", "rollouts", "simulate", "sweep", "tune",
     "with_payload",
 }  # fmt: skip

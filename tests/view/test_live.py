@@ -180,7 +180,8 @@ def test_a_browser_that_speaks_ends_no_view():
             await browser.read_message()
             browser.close()
 
-        asyncio.run(speaks())
+        with ThreadPoolExecutor(1) as thread:  # an event loop of its own, whatever other tests have left running in this one
+            thread.submit(asyncio.run, speaks()).result()
         for _ in range(5):
             live.display(np.zeros(7))
 
