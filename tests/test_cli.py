@@ -265,6 +265,13 @@ def test_a_number_for_a_matrix_says_what_of_it(vary, said):
         parameters_of([f"controller.gains.{vary}"], 4, 0, {"controller.gains.K_p": np.diag(np.arange(1.0, 7))})
 
 
+@pytest.mark.parametrize("which", [":", ":,:"])
+def test_all_entries_of_a_matrix_may_be_one_number(which):
+    now = {"K_p": np.diag([1.0, 2.0])}
+    found = parameters_of([f"K_p[{which}]=3:5:2"], 4, 0, now).values(0, 2)["K_p"]
+    np.testing.assert_array_equal(found, [np.full((2, 2), 3.0), np.full((2, 2), 5.0)])
+
+
 def test_entries_and_factors_are_what_python_s_are():
     now = {"K": np.diag([1.0, 2.0, 4.0]), "v": np.array([3.0, 5.0]), "x": np.array(2.0)}
 

@@ -134,9 +134,9 @@ WORDS: dict[str, tuple[Any, str]] = {
 """Doors that want no numbers."""
 
 ELSEWHERE = {
-    "CartesianAdaptive", "Drawn", "Entries", "Grid", "Integers", "Listed", "LogUniform", "Normal", "Payload", "Plant", "Scaled", "Uniform",
-    "Wrench", "batch", "export", "load_example", "load_k1607", "load_urdf", "rollout", "rollouts", "simulate", "sweep", "tune",
-    "with_payload",
+    "CartesianAdaptive", "Drawn", "Entries", "Grid", "Integers", "Listed", "LogUniform", "Normal", "Payload", "Plant",
+    "Scaled", "Uniform", "Wrench", "batch", "export", "load_example", "load_k1607", "load_urdf", "rollout",
+    "rollouts", "simulate", "sweep", "tune", "with_payload",
 }  # fmt: skip
 """Looked at in the tests of their own rooms."""
 RESULTS = {"Arm", "InverseKinematics", "NotFiniteError", "SimulationError", "TracingError", "Tuned"}
@@ -258,3 +258,54 @@ def test_manipulability_of_fewer_joints_than_rows_is_that_of_a_singular_matrix()
 def test_joints_without_a_range_are_not_centred():
     z = nullspace.limit_centring(np.array([0.3, 0.5]), np.array([0.3, -1.0]), np.array([0.3, 1.0]))
     np.testing.assert_allclose(z, [0.0, -0.5])
+
+
+BAD_NUMBERS = [np.nan, np.inf, 1j, None, "abc", [], object(), [[1, 2], [3]], {}, np.ma.masked]
+
+
+@pytest.mark.parametrize("bad", BAD_NUMBERS)
+@pytest.mark.parametrize(
+    ("distribution", "bounds"),
+    [
+        (k1607.Uniform, {"lower": 0.0, "upper": 1.0}),
+        (k1607.LogUniform, {"lower": 1.0, "upper": 2.0}),
+        (k1607.Normal, {"mean": 0.0, "sigma": 1.0}),
+        (k1607.Integers, {"lower": 0, "upper": 9}),
+    ],
+)
+def test_distributions(distribution, bounds, bad):
+    for name in bounds:
+        with pytest.raises(ValueError, match=f"^{name}: expected "):
+            distribution(**(bounds | {name: bad}))
+
+
+def test_distributions_that_are_none():
+    with pytest.raises(ValueError, match="lower < upper"):
+        k1607.Uniform([0.0, 2.0], 1.0)
+    with pytest.raises(ValueError, match="one shape"):
+        k1607.Uniform(np.zeros(2), np.ones(3))
+    with pytest.raises(ValueError, match="sigma: expected positive"):
+        k1607.Normal(0.0, -1.0)
+    with pytest.raises(ValueError, match="upper: expected whole"):
+        k1607.Integers(0, 2.5)
+
+
+@pytest.mark.parametrize("bad", BAD_NUMBERS)
+def test_whose_payload(bad):
+    with pytest.raises(ValueError, match=r"^arm: expected an Arm"):
+        k1607.with_payload(bad, k1607.Payload(1.0))
+
+
+@pytest.mark.parametrize("bad", [5, [], {}, np.zeros(3), ["a"]])
+def test_whose_tool(bad):
+    with pytest.raises(ValueError, match=r"^tool_frame: expected the name of a link or joint, got"):
+        k1607.load_example("ur5", tool_frame=bad)
+
+
+@pytest.mark.parametrize("size", [1e-320, 1e-200, 1e200, 1e308])
+def test_jacobians_whose_products_are_no_numbers(size):
+    with pytest.raises(ValueError, match=r"^J: expected"):
+        nullspace.manipulability_ascent(size * J / np.abs(J).max())
+    if size > 1:
+        with pytest.raises(ValueError, match=r"^J: expected entries up to"):
+            nullspace.manipulability(size * J / np.abs(J).max())

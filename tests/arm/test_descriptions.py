@@ -97,9 +97,9 @@ class TestTool:
     def test_frames_that_are_none(self, load, frame):
         arm = load(ARM)
         if frame is not None:
-            with pytest.raises(ValueError, match="frame: no frame"):
+            with pytest.raises(ValueError, match=r"^frame: (no frame|expected the name of a link or joint, got)"):
                 arm.jacobian(np.zeros(3), frame)
-            with pytest.raises(ValueError, match="tool_frame: no frame"):
+            with pytest.raises(ValueError, match=r"^tool_frame: (no frame|expected the name of a link or joint, got)"):
                 load(ARM, tool_frame=frame)
 
 
@@ -294,6 +294,11 @@ class TestJoints:
             ValueError, match=r"line 17, joint 'again': the link 'jlink2' is carried .* 'j2' already, in line 12"
         ):
             load(ARM + joint("again", "base", "jlink2"))
+
+    def test_links_that_carry_each_other(self, load):
+        loop = joint("there", "a", "b") + joint("back", "b", "a")
+        with pytest.raises(ValueError, match=r"joint '(there|back)': links carry each other in a circle"):
+            load(ARM + '<link name="a"/><link name="b"/>' + loop)
 
     @pytest.mark.parametrize("name", ["damping", "friction"])
     def test_friction_that_drives_is_refused(self, load, name):

@@ -413,7 +413,7 @@ def test_an_infinite_torque_is_no_limit_where_the_limit_varies(free, q0):
         ({"varied": ("plant.viscous", "plant.viscous")}, "each name once, got plant.viscous twice"),
         (
             {"signals": {"work": lambda log: log["t"]}},
-            "signals: expected names other than those of every run, got work",
+            "signals: every run logs work already",
         ),
         (
             {"signals": {"tau_max": lambda log: log["t"]}, "metrics": {"tau": "max"}, "log": ("tau_max",)},
@@ -618,3 +618,29 @@ def test_of_many_starts_each_is_on_its_own(free, q0):
     run = k1607.rollouts(free, Careful(), 0.1, metrics={})
     assert run(starts).sizes["rollout"] == 2
     assert k1607.sweep(run, Grid({"q0": starts}), chunk=1).sizes["q0.number"] == 2
+
+
+def test_a_start_is_asked_of_the_controller_that_runs():
+    """What is varied is not asked as it was: nobody runs that."""
+    arm = k1607.load_k1607()
+    q0 = np.deg2rad([-20.0, 30, 20, 100, -30, 60, 10])
+
+    @dataclass(frozen=True)
+    class Careful:
+        limit: float
+
+        def start(self, q, v, duration):
+            if self.limit > 1:
+                raise ValueError("limit: expected at most 1")
+            return ()
+
+        def initial(self, q, v):
+            return ()
+
+        def update(self, t, q, v, state):
+            return -self.limit * v, state, {}
+
+    found = k1607.rollout(arm, Careful(2.0), q0, 0.02, vary={"controller.limit": [0.5, 0.7]}, metrics={})
+    assert np.isnan(found.failed_at).all()
+    with pytest.raises(ValueError, match="limit: expected at most 1"):
+        k1607.rollout(arm, Careful(2.0), q0, 0.02, metrics={})

@@ -395,7 +395,7 @@ def test_modes_hold_from_their_times_on(reference):
         ({"practice": Practice(gain_bound=1.0), "gains": Gains(np.eye(6), np.zeros((6, 6)))}, r"expected .* K_d\(0\)"),
         (
             {"force_practice": Practice(gain_bound=1.0), "force_gains": Gains(-2 * np.eye(6), np.eye(6))},
-            "force_gain_bound",
+            "force_practice.gain_bound",
         ),
         ({"force_model": reference_model(np.ones(2), np.ones(2))}, "force_model"),
         ({"practice": Practice(torque_limit=np.ones(3))}, "torque_limit"),

@@ -80,6 +80,12 @@ def test_a_time_is_refused_by_name(plant, name, value):
         simulate(plant, Idle(), np.zeros(N), **({"duration": 0.1} | {name: value}))
 
 
+@pytest.mark.parametrize("times", [{"physics_step": 1e-300}, {"duration": 1e300}, {"duration": 1e11}])
+def test_steps_without_end_are_refused(plant, times):
+    with pytest.raises(ValueError, match=r"physics_step: expected at most 1e\+12"):
+        simulate(plant, Idle(), np.zeros(N), **({"duration": 0.1} | times))
+
+
 @pytest.mark.parametrize("given", [None, 5, "arm", object(), k1607.Plant])
 def test_a_plant_is_of_an_arm(given):
     with pytest.raises(ValueError, match=r"^arm: expected an Arm"):

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import psutil
@@ -110,7 +111,7 @@ def test_a_port_that_is_none(port):
         view.show(k1607.load_k1607(), port=port)
 
 
-@pytest.mark.parametrize("host", ["", " ", "\n", None, 0, b"127.0.0.1", "127.0.0.1\0"])
+@pytest.mark.parametrize("host", ["", " ", "\n", "*", None, 0, b"127.0.0.1", "127.0.0.1\0"])
 def test_an_address_that_is_none(host):
     """Sockets take an empty one for every address there is."""
     with pytest.raises(
@@ -180,7 +181,9 @@ def test_a_browser_that_speaks_ends_no_view():
             await browser.read_message()
             browser.close()
 
-        with ThreadPoolExecutor(1) as thread:  # an event loop of its own, whatever other tests have left running in this one
+        with ThreadPoolExecutor(
+            1
+        ) as thread:  # an event loop of its own, whatever other tests have left running in this one
             thread.submit(asyncio.run, speaks()).result()
         for _ in range(5):
             live.display(np.zeros(7))

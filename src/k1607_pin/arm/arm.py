@@ -339,6 +339,8 @@ def frame_id(model: pin.Model, name: str, argument: str = "tool_frame") -> int:
     ValueError
         No such frame; the message names the argument and lists the links.
     """
+    if not isinstance(name, str):
+        raise ValueError(f"{argument}: expected the name of a link or joint, got {shown(name)}")
     named = [i for i, frame in enumerate(model.frames) if frame.name == name]
     if not named:
         links = ", ".join(frame.name for frame in model.frames if frame.type == pin.BODY)

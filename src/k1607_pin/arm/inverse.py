@@ -15,7 +15,6 @@ from k1607_pin.kinematics.task import POSE, Task, task_of
 NEWTON_STEPS = 10
 NEWTON_TOLERANCE = 1e-10  # m, rad: quadratic convergence leaves no reason to stop before
 FAR = 1e9  # m: no arm reaches that far, and squares of it are finite
-FIXED = 3e-9  # rad (m): a joint whose limits are no further apart stays between them
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,6 @@ def inverse_kinematics(
     )
     starts, seed = whole("starts", starts, 1), whole("seed", seed, 0)
     lower, upper = arm.lower, arm.upper
-    free = upper - lower > FIXED
     low, high = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
     start = (low + high) / 2 if q0 is None else np.array(arm.as_vector(q0, "q0"))
     near = start
@@ -88,7 +86,7 @@ def inverse_kinematics(
     for k in range(starts):
         q = newton(arm, wanted, start, NEWTON_TOLERANCE, task)
         if q is None:
-            q = _least_squares(arm, wanted, start, task, free)
+            q = _least_squares(arm, wanted, start, task)
             polished = newton(arm, wanted, q, NEWTON_TOLERANCE, task)  # next to a limit trf closes in but slowly
             q = q if polished is None else polished
         result = _result(arm, wanted, nearest_turn(arm, q, near), tolerances, k + 1, task)
@@ -125,6 +123,8 @@ def pose_error(wanted: pin.SE3, actual: pin.SE3, task: Task = POSE) -> np.ndarra
 def nearest_turn(arm: Arm, q: np.ndarray, near: np.ndarray) -> np.ndarray:
     """(n,) rad: the same posture as q, each revolute joint in the turn nearest to ``near`` (n,) that its limits allow."""
     turn = 2 * np.pi
+    if np.abs(near - q).max() <= np.pi:
+        return q
     revolute = np.linalg.norm(arm.jacobian(q)[3:], axis=0) > 0.5  # a unit axis; none for a prismatic joint
     fewest, most = np.ceil((arm.lower - q) / turn), np.floor((arm.upper - q) / turn)
     turns = np.where(revolute, np.clip(np.round((near - q) / turn), np.minimum(fewest, 0), np.maximum(most, 0)), 0)
@@ -136,35 +136,21 @@ def sigma_min_of(J: np.ndarray) -> float:
     return float(np.linalg.svd(J, compute_uv=False)[-1]) if J.shape[1] >= J.shape[0] else 0.0
 
 
-def _least_squares(arm: Arm, wanted: pin.SE3, start: np.ndarray, task: Task, free: np.ndarray) -> np.ndarray:
-    """(n,) rad: within the limits, the closest that is found from ``start``; joints that are not free stay between theirs."""
+def _least_squares(arm: Arm, wanted: pin.SE3, start: np.ndarray, task: Task) -> np.ndarray:
+    """(n,) rad: within the limits, the closest that is found from ``start``."""
     lower, upper = arm.lower, arm.upper
-    # trf keeps to the interior: a start exactly on a limit is nudged off it
-    q = np.where(free, np.clip(start, lower + 1e-9, upper - 1e-9), np.clip(start, lower, upper))
-
-    def at(x: np.ndarray) -> np.ndarray:
-        return np.where(free, _spread(x, free), q)
-
-    if free.any():
-        solution = least_squares(
-            lambda x: _residual(wanted, arm.forward_kinematics(at(x)), task),
-            q[free],
-            lambda x: _residual_jacobian(arm, wanted, at(x), task)[:, free],
-            bounds=(lower[free], upper[free]),
-            xtol=1e-15,
-            ftol=1e-15,
-            gtol=1e-15,
-            max_nfev=100,
-        )
-        q = at(solution.x)
+    q: np.ndarray = least_squares(
+        lambda q: _residual(wanted, arm.forward_kinematics(q), task),
+        # trf keeps to the interior: a start exactly on a limit is nudged off it
+        np.clip(start, lower + 1e-9, upper - 1e-9),
+        lambda q: _residual_jacobian(arm, wanted, q, task),
+        bounds=(lower, upper),
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+        max_nfev=100,
+    ).x
     return q
-
-
-def _spread(x: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(n,): x at the free joints, nothing at the others."""
-    whole = np.zeros(len(free))
-    whole[free] = x
-    return whole
 
 
 def _residual(wanted: pin.SE3, actual: pin.SE3, task: Task) -> np.ndarray:

@@ -95,7 +95,8 @@ def load_urdf(
     ValueError
         No such file, not a URDF, numbers that are none (with link or joint, and line), a negative mass or moment of inertia, no
         such frame or joint, several ends and no tool_frame, a moving joint that mimics another, a locked value beyond its
-        limits, more than 150 movable joints or 1,000 links, or not a serial chain of one-degree-of-freedom joints.
+        limits, more than 150 movable joints or 1,000 links in the file, or 100 joints in the
+        arm, or not a serial chain of one-degree-of-freedom joints.
     """
     file = read_urdf(path, check_inertia)
     folders = [str(file.path.parent), *_folders(package_dirs)]
@@ -147,7 +148,7 @@ def load_example(
         file = read_urdf(loader.df_path, check_inertia)
         _look(file, check_inertia)
         mimics = file.mimics
-    frame = tool_frame or TOOL_FRAMES.get(name)
+    frame = TOOL_FRAMES.get(name) if tool_frame is None else tool_frame
     return _arm(
         robot.model, robot.visual_model, robot.collision_model, frame, locked, armature, gravity, mimics, check_inertia
     )

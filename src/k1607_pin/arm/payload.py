@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from k1607_pin.arguments import number, numbers
+from k1607_pin.arguments import number, numbers, shown
 from k1607_pin.arm.arm import Arm, frame_id
 from k1607_pin.dynamics.linear import solve_symmetric
 
@@ -49,8 +49,10 @@ def with_payload(arm: Arm, payload: Payload) -> Arm:
 
     Laying it down again is going back to ``arm``, which has not changed.
     """
+    if not isinstance(arm, Arm):
+        raise ValueError(f"arm: expected an Arm, such as load_k1607() gives, got {shown(arm)}")
     if not isinstance(payload, Payload):
-        raise ValueError(f"payload: expected a Payload, got {payload!r:.80}")
+        raise ValueError(f"payload: expected a Payload, got {shown(payload)}")
     if payload.mass == 0:
         return arm
     model = arm.model

@@ -19,7 +19,7 @@ def main() -> None:
     try:
         app()
     except ModuleNotFoundError as error:
-        Console(stderr=True).print(
+        Console(stderr=True, emoji=False).print(
             f"k1607: {error}; for the 3-D view: pip install 'k1607-pin[viewer]'", style="red", markup=False
         )
         raise SystemExit(2) from None
@@ -28,5 +28,5 @@ def main() -> None:
     except Exception as error:
         if not isinstance(error, ValueError | OSError) and not is_own(error):
             raise  # a fault of this package: its traceback is what a report of it needs
-        Console(stderr=True).print(f"k1607: {error}", style="red", markup=False, highlight=False)
+        Console(stderr=True, emoji=False).print(f"k1607: {error}", style="red", markup=False, highlight=False)
         raise SystemExit(2) from None

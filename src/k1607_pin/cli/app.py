@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # square brackets in the examples are TOML, not markup
 )
-console = Console()
+console = Console(emoji=False)  # :b: in what is told is no picture
 
 
 Robot = Annotated[str, typer.Option(help="k1607, a robot of example-robot-data such as panda, or a URDF file.")]

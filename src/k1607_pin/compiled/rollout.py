@@ -66,8 +66,9 @@ def rollout(
     The first call for a controller traces and compiles it, a second or so; the library is kept in the user's cache folder. A
     later call with the same objects does not trace again, if they are such as do not change: frozen dataclasses of numbers, and
     this package's functions; for functions of one's own `rollouts` is made once and called again and again.
-    What a controller's ``start`` refuses is refused here too, with its own numbers, where all rollouts begin alike. What it and
-    the plant say of numbers that vary is asked for the first rollout and for those with the smallest and the largest ones.
+    What a controller's ``start`` refuses is refused here too, where all rollouts begin alike and no number of the controller
+    varies. What it and the plant say of numbers that vary is asked for the first rollout and for those with the smallest and the
+    largest ones.
 
     Parameters
     ----------
@@ -242,7 +243,10 @@ class Rollouts:
     ) -> xr.Dataset:
         """As `rollout`, for the names that it was made for."""
         start = self._one_start(q0, v0)
-        if start and not self.loop.state_is_given:
+        varies = any(
+            name.startswith("controller.") for name in self.varied
+        )  # then none is the controller as it is here
+        if start and not self.loop.state_is_given and not varies:
             begun = b"".join(x.tobytes() for x in start)
             if begun != self._begun:  # asked once: it may look at a whole path
                 self.setup.controller.start(*start, self.duration)
@@ -252,9 +256,9 @@ class Rollouts:
     def _one_start(self, q0: Any, v0: Any) -> tuple[np.ndarray, np.ndarray] | None:
         """q and v, copies, where all rollouts begin alike."""
         n = self.loop.n
-        q, v = (as_floats(name, x).copy() for name, x in (("q0", q0), ("v0", np.zeros(n) if v0 is None else v0)))
+        q, v = (as_floats(name, x) for name, x in (("q0", q0), ("v0", np.zeros(n) if v0 is None else v0)))
         good = all(x.size == n and np.isfinite(x).all() for x in (q, v))
-        return (q.ravel(), v.ravel()) if good else None
+        return (q.ravel().copy(), v.ravel().copy()) if good else None
 
     def run(
         self,

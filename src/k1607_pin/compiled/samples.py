@@ -9,6 +9,8 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from k1607_pin.arguments import numbers as numbers_of
+from k1607_pin.arguments import shown
 from k1607_pin.compiled.leaves import numbers
 
 ROLLOUT = "rollout"
@@ -65,7 +67,7 @@ class LogUniform:
     def __post_init__(self) -> None:
         _require_order(self.lower, self.upper)
         if not np.all(np.asarray(self.lower) > 0):
-            raise ValueError(f"lower: expected positive numbers, got {self.lower!r}")
+            raise ValueError(f"lower: expected positive numbers, got {shown(self.lower)}")
 
     def ppf(self, u: Any) -> Any:
         """See `Distribution`."""
@@ -80,10 +82,9 @@ class Normal:
     sigma: Any
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.mean).all() and np.isfinite(self.sigma).all() and np.all(np.asarray(self.sigma) > 0)):
-            raise ValueError(
-                f"mean, sigma: expected finite numbers and positive ones, got {self.mean!r}, {self.sigma!r}"
-            )
+        _, sigma = _numbers(mean=self.mean, sigma=self.sigma)
+        if not (sigma > 0).all():
+            raise ValueError(f"sigma: expected positive numbers, got {shown(self.sigma)}")
 
     def ppf(self, u: Any) -> Any:
         """See `Distribution`."""
@@ -99,6 +100,9 @@ class Integers:
 
     def __post_init__(self) -> None:
         _require_order(self.lower, self.upper)
+        for name, x in (("lower", self.lower), ("upper", self.upper)):
+            if (np.asarray(x, dtype=float) % 1).any():
+                raise ValueError(f"{name}: expected whole numbers, got {shown(x)}")
 
     def ppf(self, u: Any) -> Any:
         """See `Distribution`."""
@@ -311,19 +315,27 @@ def _random(seed: int, d: int, start: int, stop: int) -> np.ndarray:
 
 
 def _array(name: str, x: Any) -> np.ndarray:
-    try:
-        array = np.array(x, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected (N, ...) numbers, got {x!r}") from None
-    if array.ndim == 0 or not array.size or not np.isfinite(array).all():
-        raise ValueError(f"{name}: expected (N, ...) finite numbers, at least one, got {x!r}")
+    array = numbers_of(name, x)
+    if array.ndim == 0 or not array.size:
+        raise ValueError(f"{name}: expected (N, ...) finite numbers, at least one, got {shown(x)}")
     return array
 
 
-def _require_order(lower: Any, upper: Any) -> None:
+def _numbers(**bounds: Any) -> list[np.ndarray]:
+    """Each as finite numbers, at least one; of shapes that fit."""
+    arrays = [numbers_of(name, x) for name, x in bounds.items()]
+    for name, x in zip(bounds, arrays, strict=True):
+        if not x.size:
+            raise ValueError(f"{name}: expected a finite number, or an array of them, got {shown(bounds[name])}")
     try:
-        fits = bool(np.isfinite(np.subtract(upper, lower, dtype=float)).all() and np.less(lower, upper).all())
-    except (TypeError, ValueError):
-        fits = False
-    if not fits:
-        raise ValueError(f"lower, upper: expected finite numbers, lower < upper, got {lower!r}, {upper!r}")
+        np.broadcast_shapes(*(x.shape for x in arrays))
+    except ValueError:
+        shapes = " and ".join(str(x.shape) for x in arrays)
+        raise ValueError(f"{', '.join(bounds)}: expected one shape, got {shapes}") from None
+    return arrays
+
+
+def _require_order(lower: Any, upper: Any) -> None:
+    low, high = _numbers(lower=lower, upper=upper)
+    if not (low < high).all() or not np.isfinite(high - low).all():
+        raise ValueError(f"lower, upper: expected lower < upper, got {shown(lower)}, {shown(upper)}")

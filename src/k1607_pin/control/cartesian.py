@@ -21,7 +21,6 @@ from k1607_pin.control.pose import (
     logged_of,
     wanted_velocity,
 )
-from k1607_pin.control.pose import pose_error as pose_error  # which the report's equations find here
 from k1607_pin.control.posture import Posture, check_posture
 from k1607_pin.control.practice import OFF, AdaptiveState, Practice, check_practice, filtered, limited, next_gains
 from k1607_pin.control.reference_model import ReferenceModel

@@ -130,7 +130,7 @@ class HybridAdaptive:
         check_posture(self.posture, self.arm.n)
         check_practice("practice", self.practice, self.arm.n, 6, gains)
         per = per_stiffness(force_gains, self.stiffness)
-        named("force_", check_practice, "practice", self.force_practice, self.arm.n, 6, per)
+        check_practice("force_practice", self.force_practice, self.arm.n, 6, per)
         closing = per.K_p
         if not np.linalg.eigvalsh((closing + closing.T) / 2)[0] > 0:
             raise ValueError(

@@ -73,7 +73,10 @@ def check_practice(name: str, practice: Any, n: int, m: int, start: Gains) -> No
     """Refuse, by `ValueError`, what is no `Practice`, or one that does not `Practice.check` for n joints and m errors."""
     if not isinstance(practice, Practice):
         raise ValueError(f"{name}: expected a Practice, got {shown(practice)}")
-    practice.check(n, m, start)
+    try:
+        practice.check(n, m, start)
+    except ValueError as error:
+        raise ValueError(f"{name}.{error}") from None
 
 
 class AdaptiveState(NamedTuple):

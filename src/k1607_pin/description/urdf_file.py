@@ -174,7 +174,7 @@ def _bounded(file: UrdfFile) -> None:
 
 
 def _tree(file: UrdfFile) -> None:
-    """Refuse a link that two joints carry: Pinocchio would take it twice."""
+    """Refuse links that are carried twice, which Pinocchio would take twice, or in a circle, which it would leave out."""
     carried: dict[str, Any] = {}
     for joint in file.root.iterchildren("joint"):
         child = joint.find("child")
@@ -186,6 +186,17 @@ def _tree(file: UrdfFile) -> None:
             )
         if name:
             carried[name] = joint
+    for joint in carried.values():
+        seen, link = set(), joint
+        while link is not None and link not in seen:
+            seen.add(link)
+            parent = link.find("parent")
+            link = carried.get(parent.get("link", "")) if parent is not None else None
+        if link is not None:
+            raise ValueError(
+                f"path: {file.where(link)}: links carry each other in a circle, from joint {link.get('name')!r} back to it; "
+                "a robot description is a tree"
+            )
 
 
 def _numbers_read(file: UrdfFile, check_inertia: bool) -> None:

@@ -39,12 +39,22 @@ def preferred_posture(q: Any, posture: Any, gain: float = 1.0) -> Any:
     return seen_through("gain", gain, number) * (posture - q)
 
 
+MOST = 1e300
+
+
+def _moderate(J: np.ndarray, most: float) -> np.ndarray:
+    """J, refused where products of its entries would overflow."""
+    if J.size and np.abs(J).max() > most:
+        raise ValueError(f"J: expected entries up to {most:.0e}, got {np.abs(J).max():.1e}")
+    return J
+
+
 def manipulability(J: np.ndarray) -> float:
     """sqrt(det(J J^T)): volume of the velocity ellipsoid of J (m, n), zero at a singularity (Yoshikawa, 1985).
 
     All six rows, or those of a task. Zero for fewer joints than rows.
     """
-    J = numbers("J", J, (None, None))
+    J = _moderate(numbers("J", J, (None, None)), MOST ** (1 / 6))
     return float(np.prod(np.linalg.svd(J, compute_uv=False))) if J.shape[1] >= J.shape[0] else 0.0
 
 
@@ -53,5 +63,7 @@ def manipulability_ascent(J: np.ndarray, gain: float = 1.0) -> np.ndarray:
 
     J (6, n) of full rank, in base axes. The logarithm keeps the step finite in units of the distance to the singularity.
     """
-    J, gain = numbers("J", J, (6, None)), number("gain", gain)
+    J, gain = _moderate(numbers("J", J, (6, None)), MOST**0.5), number("gain", gain)
+    if np.abs(J).max() < 1 / MOST**0.5:
+        raise ValueError(f"J: expected a Jacobian of full rank, got none with an entry above {1 / MOST**0.5:.0e}")
     return gain * np.einsum("ia,aik->k", np.linalg.pinv(J), jacobian_derivative(J))

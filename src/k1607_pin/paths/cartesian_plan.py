@@ -154,7 +154,7 @@ def plan_poses(
         if np.abs(there - T[-1]).max() > SAME:
             T.append(there)
     if len(T) < 2:
-        raise ValueError("poses: expected one that differs from the tool's at q0")
+        raise ValueError(f"poses: expected one that differs from the tool's at q0, by more than {SAME:.0e}")
     require_within_limits(arm, q0, 0.0, T[0][:3, 3])
     positions, rotations = np.array(T)[:, :3, 3], np.array(T)[:, :3, :3]  # (m + 1, ...)
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)

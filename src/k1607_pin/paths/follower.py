@@ -143,9 +143,9 @@ class Follower:
         A = J @ K  # (m, m)
         force = np.linalg.solve(A, task.rows(wanted.velocity, R))  # (m,)
         v = K @ force
-        whole = self.arm.jacobian(q)
         J_dot = task.rows(self.arm.jacobian_time_variation(q, v), R)
         if task.name == "axis":  # its rows turn with the tool
+            whole = self.arm.jacobian(q)
             R_dot = np.cross((whole @ v)[3:], R, axisb=0, axisc=0)
             J_dot = J_dot + turned(task, whole, R_dot)
         drift = slope * v * (J.T @ force) + share * (J_dot.T @ force)  # (n,): the acceleration, were `force` to stay

@@ -79,8 +79,9 @@ def plan_joints(
 ) -> JointPlan:
     """From rest at q0 through the waypoints in turn, to rest at the last.
 
-    Each stretch is the fastest that Ruckig finds for the velocities at its ends, all joints in one common time; straight (in
-    joint space) from rest to rest. The velocities are ours: the harmonic mean of the mean velocities before and after, none for a
+    From rest to rest a stretch is straight in joint space, in closed form; at speed it is the fastest that Ruckig finds for the
+    velocities at its ends, all joints in one common time, and where that would break a limit the joints stop instead.
+    The velocities are ours: the harmonic mean of the mean velocities before and after, none for a
     joint that turns back (Fritsch and Butland, SIAM J. Sci. Stat. Comput. 5(2), 1984), halved for as long as a joint leaves the
     range between its two waypoints. So no joint overshoots a waypoint, but the whole is not the fastest of all. A waypoint that
     repeats the one before is no stop. Torques are not looked at; `slow_down` does.
@@ -104,7 +105,7 @@ def plan_joints(
         if np.abs(waypoint - ways[-1]).max() > ROUNDING:
             ways.append(waypoint)
     if len(ways) < 2:
-        raise ValueError("waypoints: expected one that differs from q0")
+        raise ValueError(f"waypoints: expected one that differs from q0, by more than {ROUNDING:.0e}")
     q, limits = np.array(ways), joint_limits(arm, velocity, acceleration, jerk)
     stretches = [straight(*ends, limits) for ends in pairwise(q)]
     grid = grid_for(_duration(stretches))  # one for all, so that no time is rounded where they join

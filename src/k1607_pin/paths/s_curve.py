@@ -29,6 +29,12 @@ def s_curve(velocity: float, acceleration: float, jerk: float, grid: float = 0.0
     return of_jerk(times, j * signs[:, None], np.zeros(1), np.zeros(1))
 
 
+def duration_of(velocity: float, acceleration: float, jerk: float) -> float:
+    """s: of `s_curve`, before times are rounded."""
+    t_j, t_a, t_v = phases(velocity, acceleration, jerk)
+    return 4 * t_j + 2 * t_a + t_v
+
+
 def grid_for(duration: float) -> float:
     """s: a power of two, of which sums up to the duration are exact."""
     return float(GRID * 2.0 ** np.ceil(np.log2(duration)))

@@ -33,7 +33,7 @@ class Spline:
     def __post_init__(self) -> None:
         times = numbers("times", self.times, (None,), "s")
         if len(times) < 2 or (np.diff(times) < 0).any():
-            raise ValueError(f"times: expected at least two that increase, in s, got {shown(times)}")
+            raise ValueError(f"times: expected at least two in s that never fall, got {shown(times)}")
         coefficients = numbers("coefficients", self.coefficients, (None, len(times) - 1, None))
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "coefficients", coefficients)

@@ -10,7 +10,7 @@ import numpy as np
 import ruckig
 
 from k1607_pin.arguments import numbers, shown
-from k1607_pin.paths.s_curve import s_curve
+from k1607_pin.paths.s_curve import duration_of, s_curve
 from k1607_pin.paths.spline import Spline, of_jerk
 
 SPARE = 1e-6  # of the limits
@@ -97,7 +97,7 @@ def _by_ruckig(start: np.ndarray, end: np.ndarray, v_start: np.ndarray, v_end: n
     if not moved.any():
         raise NoMotionError("no motion found: no coordinate has a distance to go, and not all are at rest")
     second = max(
-        s_curve(*(float(np.asarray(x)[i] / abs(distance[i])) for x in limits)).duration for i in np.flatnonzero(moved)
+        duration_of(*(float(np.asarray(x)[i] / abs(distance[i])) for x in limits)) for i in np.flatnonzero(moved)
     )
     unit = np.where(moved, np.abs(distance), limits.velocity * second)  # of length, each coordinate's own
     wanted = ruckig.InputParameter(n)

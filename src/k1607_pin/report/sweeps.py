@@ -107,10 +107,10 @@ class _Varied:
 def _which(name: str, found: re.Match[str], now: np.ndarray) -> _Varied:
     which, sign, rest = found["which"], found["sign"], found["rest"]
     scale = f"{name}*=0.5:2:{rest.rpartition(':')[2]}" if sign == "=" else f"{name}*~uniform:0.5:2"
-    one, every = (",".join([x] * now.ndim) for x in ("0", ":"))
+    one = ",".join(["0"] * now.ndim)
     told = f"type {scale} to scale it"
     if now.ndim:
-        told += f", {name}[{one}]{sign}{rest} for one entry, {name}[{every}]{sign}{rest} for all of them"
+        told += f", {name}[{one}]{sign}{rest} for one entry, {name}[:]{sign}{rest} for all of them"
     if which == "*":
         if not now.any():
             raise _NamedError(f"vary: {name} is zero, which no factor changes")
@@ -122,7 +122,9 @@ def _which(name: str, found: re.Match[str], now: np.ndarray) -> _Varied:
             return _Varied(now, (slice(None),))
         raise _NamedError(f"vary: {name} is an array {now.shape}, not a number: {told}")
     try:
-        index = tuple(slice(None) if x.strip() == ":" else int(x) for x in which[1:-1].split(","))
+        texts = which[1:-1].split(",")
+        texts *= now.ndim if texts == [":"] else 1  # of a matrix too: all of it
+        index = tuple(slice(None) if x.strip() == ":" else int(x) for x in texts)
         if len(index) != now.ndim:
             raise ValueError
         now[index]

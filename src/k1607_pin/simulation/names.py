@@ -44,9 +44,10 @@ def require_names(what: str, names: Iterable[Any]) -> None:
     ValueError
         It names ``what`` gives them, and them.
     """
+    names = list(names)
     if taken := sorted(RESERVED.intersection(names)):
         raise ValueError(
-            f"{what}: expected names other than those of every run, got {', '.join(taken)}; call it my_{taken[0]}, say"
+            f"{what}: every run logs {', '.join(taken)} already; choose another name, for example my_{taken[0]}"
         )
     if wrong := [x for x in names if not isinstance(x, str) or not x or "/" in x]:
         raise ValueError(f"{what}: expected names without /, and no empty ones, got {wrong[0]!r}")

@@ -53,6 +53,7 @@ def require_controller(controller: Any) -> None:
         )
 
 
+MOST_STEPS = 10**12  # a year of computing; more is a slip
 RUNAWAY = 1e4  # rad/s (m/s): no arm moves like that; well before the numbers overflow
 
 
@@ -279,6 +280,11 @@ def _answer(given: Any, n: int) -> tuple[np.ndarray, Any, Mapping[str, Any]]:
 def grid(duration: float, control_period: float, physics_step: float) -> tuple[int, int]:
     for name, value in (("duration", duration), ("control_period", control_period), ("physics_step", physics_step)):
         number(name, value, above=0, unit="s")
+    if not (duration / control_period < MOST_STEPS and control_period / physics_step < MOST_STEPS):
+        raise ValueError(
+            f"duration, control_period, physics_step: expected at most {MOST_STEPS:.0e} steps, got {shown(duration)} s "
+            f"in periods of {shown(control_period)} s in steps of {shown(physics_step)} s"
+        )
     samples, substeps = round(duration / control_period), round(control_period / physics_step)
     if samples < 1 or abs(samples * control_period - duration) > 1e-9 * duration:
         raise ValueError(
@@ -287,6 +293,10 @@ def grid(duration: float, control_period: float, physics_step: float) -> tuple[i
     if substeps < 1 or abs(substeps * physics_step - control_period) > 1e-9 * control_period:
         raise ValueError(
             f"physics_step: expected a whole part of the control period {control_period} s, got {physics_step!r}"
+        )
+    if samples * substeps > MOST_STEPS:
+        raise ValueError(
+            f"duration, physics_step: expected at most {MOST_STEPS:.0e} physics steps, got {float(samples) * substeps:.1e}"
         )
     return samples, substeps
 

@@ -113,7 +113,7 @@ class LiveWindow:
 
 def require_address(host: Any, port: Any) -> None:
     """Raise ValueError for what is no address to listen on, an empty one above all: sockets take it for every address."""
-    if not isinstance(host, str) or not host.strip() or "\0" in host:
+    if not isinstance(host, str) or not host.strip() or "\0" in host or "*" in host:
         raise ValueError(
             f"host: expected an address such as '127.0.0.1', or '0.0.0.0' for every address of this machine, got {host!r}"
         )

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from k1607_pin.arguments import as_floats
 from k1607_pin.arm.arm import Arm
 
 FRAMES_PER_SECOND = 30.0
@@ -45,10 +46,7 @@ def keyframes(times: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _numbers(x: Any, name: str) -> np.ndarray:
     if x is None:
         return np.empty(0)  # nothing, and so of the wrong shape
-    try:
-        return np.array(x, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected numbers, got {x!r}") from None
+    return np.array(as_floats(name, x, "numbers"))
 
 
 def _seen(x: np.ndarray) -> str:
