@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -644,3 +645,36 @@ def test_a_start_is_asked_of_the_controller_that_runs():
     assert np.isnan(found.failed_at).all()
     with pytest.raises(ValueError, match="limit: expected at most 1"):
         k1607.rollout(arm, Careful(2.0), q0, 0.02, metrics={})
+
+
+@pytest.mark.parametrize("kind", ["counts", "random", "global"])
+def test_what_is_no_function_of_time_alone_is_refused(free, q0, kind):
+    """`simulate` asks it once a sample, a table once a sample and again: what comes out would be something else."""
+    asked, rng = [], np.random.default_rng(0)
+
+    def counts(t):
+        asked.append(t)
+        return np.full(7, len(asked) / 100)
+
+    def drawn(t):
+        return rng.normal(size=7)
+
+    path = {"counts": counts, "random": drawn, "global": lambda t: np.full(7, COUNTER.__next__() / 100)}[kind]
+
+    @dataclass(frozen=True)
+    class Follows:
+        path: object
+
+        def start(self, q, v, duration):
+            return ()
+
+        def update(self, t, q, v, state):
+            return 20 * (self.path(t) - q) - 5 * v, state, {}
+
+    with pytest.raises(
+        TracingError, match=r"path: expected a function of time alone, got another value when asked again"
+    ):
+        k1607.rollout(free, Follows(path), q0, 0.05, metrics={})
+
+
+COUNTER = itertools.count()

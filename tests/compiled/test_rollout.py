@@ -304,7 +304,7 @@ def test_what_cannot_be_traced_is_named(arm, torque, said, q0):
         ({"vary": {"plant.arm.armature": [np.ones(7), -np.ones(7)]}}, "armature: expected no negative"),
         ({"vary": {"plant.arm.inertial": -np.ones((2, 7, 10))}}, "inertial: expected no negative"),
         ({"signals": {"a/b": lambda log: log["t"]}}, "signals: expected names without /"),
-        ({"signals": {"rollout": lambda log: log["t"]}}, "signals: expected names"),
+        ({"signals": {"rollout": lambda log: log["t"]}}, "signals: every run logs"),
     ],
 )
 def test_bad_input(arm, law, change, said, q0):

@@ -8,7 +8,10 @@ import casadi as ca
 import numpy as np
 
 from k1607_pin.compiled.leaves import Layout
+from k1607_pin.compiled.nest import TracingError
 from k1607_pin.simulation.noise import WhiteNoise
+
+AGAIN = 1e-9  # of the values: what a path that begins at its last result may leave
 
 
 @dataclass(frozen=True)
@@ -28,10 +31,23 @@ class Table:
         return self.fun(t if self.at is None else float(self.at(t)))
 
     def values(self, times: np.ndarray) -> np.ndarray:
-        """(len(times), size)"""
+        """(len(times), size)
+
+        Raises
+        ------
+        TracingError
+            Asked again for the first time it gives something else: not a function of time alone.
+        """
         asked = times if self.at is None else self.at(times[None, :]).full().ravel()
-        rows = [self.layout.flat(self.fun(float(t))) for t in asked]
-        return np.array(rows, dtype=float).reshape(len(times), self.layout.size)
+        rows = np.array([self.layout.flat(self.fun(float(t))) for t in asked], dtype=float)
+        rows = rows.reshape(len(times), self.layout.size)
+        again = np.array(self.layout.flat(self.fun(float(asked[0]))), dtype=float)
+        if not np.allclose(again, rows[0], AGAIN, AGAIN * np.abs(rows[0]).max(initial=0.0), equal_nan=True):
+            raise TracingError(
+                f"{self.name}: expected a function of time alone, got another value when asked again for t = {asked[0]:g} s; "
+                "what a law must remember belongs into its state, and noise is simulation.noise.WhiteNoise"
+            )
+        return rows
 
 
 @dataclass(frozen=True)
