@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 NUMERIC = "biuf"  # dtype kinds whose entries are real numbers
+HUGE = 1e150  # squares of more overflow
 
 
 def shown(x: Any, most: int = 120) -> str:
@@ -94,10 +95,11 @@ def number(
     good = array.ndim == 0 and not isinstance(x, bool | np.bool_)
     if good:
         value = float(array)
-        good = not np.isnan(value) and (np.isfinite(value) or not finite)
+        good = not np.isnan(value) and (abs(value) < HUGE or not finite)
         good = good and (above is None or value > above) and (at_least is None or value >= at_least)
     if not good:
-        raise ValueError(f"{name}: expected {expected}, got {shown(x)}")
+        size = f", of size below {HUGE:.0e}" if finite and array.ndim == 0 and HUGE <= abs(array) < np.inf else ""
+        raise ValueError(f"{name}: expected {expected}{size}, got {shown(x)}")
     return value
 
 

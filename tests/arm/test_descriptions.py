@@ -433,6 +433,7 @@ thread.start()
 inside.wait()
 child = os.fork()
 if child == 0:
+    os.write(2, b"heard from the child")
     os._exit(k1607_pin.load_urdf({str(tmp_path / "robot.urdf")!r}).n)
 print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 done.set()
@@ -440,6 +441,7 @@ thread.join()
 """
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
         assert done.stdout.strip() == "3"
+        assert "heard from the child" in done.stderr
 
     def test_what_others_say_meanwhile_is_passed_on(self, capfd):
         from k1607_pin.arm.urdfdom import heard

@@ -429,7 +429,7 @@ class AsksTwo(Law):
         (Counting, "changes its own controller.path.inner.calls"),
         (counting, "changes its own controller.path.calls"),
         (Shaken, "changes its own controller.path.rng"),
-        (Iterating, "Asked again for the same it gives something else"),
+        (Iterating, "Called twice with the same arguments it returns different results"),
         (KindOf, "A Python condition"),
     ],
     ids=["inner counter", "closure's counter", "random", "iterator", "kind"],
@@ -463,7 +463,9 @@ def test_a_nest_that_holds_itself_is_told(free, q0):
         point.owner = point
         return point
 
-    with pytest.raises(TracingError, match=r"controller\.path: expected nests at most 50 deep.* it may hold itself"):
+    with pytest.raises(
+        TracingError, match=r"controller\.path: expected at most 50 levels of nesting.* it may contain itself"
+    ):
         k1607.rollout(free, Law(path), q0, 0.1, metrics={})
 
 

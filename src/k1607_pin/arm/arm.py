@@ -15,7 +15,7 @@ from k1607_pin.dynamics.operational_space import OperationalSpace, operational_s
 from k1607_pin.kinematics.differential import Damping, SingularJacobianError
 
 Vector = np.ndarray
-UNITS = {"q": "rad", "v": "rad/s", "a": "rad/s^2", "tau": "N m"}
+UNITS = {"q": "rad", "q0": "rad", "v": "rad/s", "v0": "rad/s", "a": "rad/s^2", "tau": "N m"}
 SQUARED_RANK_TOLERANCE = 1e-4
 """sigma_min / sigma_max below which J counts as singular for Lambda: J M^-1 J^T squares it, and 1e-8 leaves eight digits."""
 

@@ -4,23 +4,25 @@ import os
 import re
 import sys
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_one_at_a_time = threading.Lock()
+from k1607_pin.turns import Turns
+
 _SAID = re.compile(r"^(?:Error|Warning): +(.*)\n(?: +at line \d+ in .*\n?)?", re.MULTILINE)
+_before: list[int] = []
+"""Standard error as it was, while the parser is listened to"""
 
 
-def _anew() -> None:
-    """In a child of a fork: another thread of the parent may hold the lock, and will not let it go here."""
-    global _one_at_a_time
-    _one_at_a_time = threading.Lock()
+def _put_back() -> None:
+    while _before:
+        kept = _before.pop()
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_anew)
+_TURNS = Turns(_put_back)  # standard error is one for all threads
 
 
 def heard(build: Callable[[], Any]) -> tuple[Any, list[str]]:
@@ -37,10 +39,10 @@ def heard(build: Callable[[], Any]) -> tuple[Any, list[str]]:
 @contextmanager
 def _listening(said: list[str]) -> Iterator[None]:
     """Standard error of the whole process into a file for a while; what was not the parser's is passed on afterwards."""
-    with _one_at_a_time:
+    with _TURNS.taken():
         try:
             sys.stderr.flush()
-            kept = os.dup(2)
+            _before.append(os.dup(2))
         except (OSError, ValueError, AttributeError):  # closed: nothing to listen to
             yield
             return
@@ -49,8 +51,7 @@ def _listening(said: list[str]) -> Iterator[None]:
             try:
                 yield
             finally:
-                os.dup2(kept, 2)
-                os.close(kept)
+                _put_back()
                 file.seek(0)
                 text = file.read().decode(errors="replace")
                 said += (" ".join(line.split()) for line in _SAID.findall(text))

@@ -31,8 +31,8 @@ from k1607_pin.compiled.program import Node, Program
 from k1607_pin.compiled.sound import require_sound
 from k1607_pin.compiled.tables import Table, Tables
 from k1607_pin.compiled.traced_loop import traced
-from k1607_pin.compiled.turns import Turns
 from k1607_pin.files import write_atomically
+from k1607_pin.turns import Turns
 
 logger = logging.getLogger(__name__)
 

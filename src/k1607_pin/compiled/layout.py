@@ -45,7 +45,7 @@ class Layout:
     def _flatten(self, x: Any, like: Any, out: list[Any], path: str, depth: int) -> None:
         if depth > DEEPEST:
             raise TracingError(
-                f"{self._name}: expected nests at most {DEEPEST} deep, {path[:80]}... goes on: it may hold itself"
+                f"{self._name}: expected at most {DEEPEST} levels of nesting, {path[:80]}... goes deeper: it may contain itself"
             )
         if is_number(x) or is_traced(x):
             entries = _entries(x)

@@ -28,13 +28,13 @@ def reason(holder: Any, ask: Callable[[Any], Any]) -> str:
     changed = [name for name in after if name not in before or not same(before[name], after[name])]
     if changed:
         return (
-            f"It changes its own {', '.join(changed[:MOST])} from call to call, where it is to be a function of its arguments; "
-            "what it is to remember belongs into the state that it returns"
+            f"It changes its own {', '.join(changed[:MOST])} between calls. What it gives must depend on its arguments only: "
+            "return what it must remember as part of the state"
         )
     if differs:
         return (
-            "Asked again for the same it gives something else: something random, or remembered outside of it, a global variable "
-            "say; what it is to remember belongs into the state that it returns"
+            "Called twice with the same arguments it returns different results: something in it is random, or remembered outside "
+            "of it, in a global variable for example; return what it must remember as part of the state"
         )
     return (
         "A Python condition on what is traced, an error that is caught, or something remembered outside of it does not trace; "

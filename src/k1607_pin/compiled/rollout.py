@@ -28,12 +28,12 @@ from k1607_pin.compiled.leaves import lasts, numbers
 from k1607_pin.compiled.limits import require_rollouts, require_steps
 from k1607_pin.compiled.plan import Plan
 from k1607_pin.compiled.results import REST, dataset, variables_of
-from k1607_pin.compiled.turns import Turns
 from k1607_pin.simulation.integrators import semi_implicit_euler
 from k1607_pin.simulation.names import require_names
 from k1607_pin.simulation.plant import Plant, plant_of
 from k1607_pin.simulation.schedule import PayloadSchedule
 from k1607_pin.simulation.simulate import RUNAWAY, grid, require_controller
+from k1607_pin.turns import Turns
 
 logger = logging.getLogger(__name__)
 

@@ -19,8 +19,8 @@ from k1607_pin.compiled.lanes import processors
 from k1607_pin.compiled.rollout import Rollouts
 from k1607_pin.compiled.samples import Drawn, Grid, Listed, digest
 from k1607_pin.compiled.store import InMemory, InStore, Variable
-from k1607_pin.compiled.turns import Turns
 from k1607_pin.compiled.workers import Task, Workers, go_on_unless
+from k1607_pin.turns import Turns
 
 Samples = Grid | Listed | Drawn
 

@@ -45,7 +45,7 @@ class Table:
         if not np.allclose(again, rows[0], AGAIN, AGAIN * np.abs(rows[0]).max(initial=0.0), equal_nan=True):
             raise TracingError(
                 f"{self.name}: expected a function of time alone, got another value when asked again for t = {asked[0]:g} s; "
-                "what a law must remember belongs into its state, and noise is simulation.noise.WhiteNoise"
+                "what a law must remember is part of its state, and noise is simulation.noise.WhiteNoise"
             )
         return rows
 

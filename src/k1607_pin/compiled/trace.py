@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from k1607_pin.compiled.turns import Turns
+from k1607_pin.turns import Turns
 
 Shape = tuple[int, ...]
 _before: list[tuple[int, Any]] = []

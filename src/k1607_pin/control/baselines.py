@@ -281,7 +281,7 @@ def parameter_rates(arm: Arm, q: np.ndarray, K_D: np.ndarray, rate: float, lengt
     q, K_D = numbers("q", q, (arm.n,), "rad"), numbers("K_D", K_D, (arm.n, arm.n), "N m s/rad")
     rate, length = number("rate", rate, 0, unit="1/s"), number("length", length, 0, unit="m")
     if not np.linalg.cond(K_D) < 1 / np.finfo(float).eps:
-        raise ValueError("K_D: expected a regular matrix, got a singular one")
+        raise ValueError("K_D: expected an invertible matrix, got a singular one")
     model = arm.model
     model.gravity = pin.Motion(np.array([0.0, 0.0, -9.81]), np.zeros(3))
     still = np.zeros(arm.n)

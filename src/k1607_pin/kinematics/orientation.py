@@ -1,7 +1,8 @@
 """Orientation for users: the formulas of `k1607_pin.kinematics.rotations`, (24)-(38), behind a check of their arguments.
 
 Single values or batches, (..., 3, 3) and (..., 4); a tracer's symbols and polynomials pass as they are. What is of another shape,
-not finite, or no rotation raises a `ValueError` that names the argument.
+not finite, or a matrix that is no rotation raises a `ValueError` that names the argument. Quaternions are taken as they are, of
+length one or not.
 """
 
 from collections.abc import Callable

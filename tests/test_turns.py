@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from k1607_pin.compiled.turns import Turns
+from k1607_pin.turns import Turns
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 WITHIN = 120.0  # s; of a process that would otherwise be waited for without end
