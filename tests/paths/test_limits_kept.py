@@ -119,3 +119,18 @@ def test_a_plan_from_pose_to_pose_may_take_microseconds_or_days(faster):
     t = np.linspace(0, plan.duration, 13)
     for q, position in zip(plan.joints(t).position, plan(t).position, strict=True):
         assert arm.forward_kinematics(q).translation == pytest.approx(position, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["velocity", "acceleration", "jerk"])
+@pytest.mark.parametrize("limit", [1e-300, 1e-80, 1e80, 1e300])
+def test_limits_whose_products_are_no_numbers_are_named(slide, name, limit):
+    with pytest.raises(ValueError, match=f"^{name}: expected limits from 1e-75 to 1e"):
+        plan_joints(
+            slide, [[1.0, 0.0]], [0.0, 0.0], **({"velocity": 1.0, "acceleration": 1.0, "jerk": 1.0} | {name: limit})
+        )
+
+
+@pytest.mark.parametrize("factor", [1e-300, 1e300])
+def test_a_motion_is_not_slowed_beyond_numbers(slide, factor):
+    with pytest.raises(ValueError, match=r"^factor: expected a "):
+        plan_joints(slide, [[1.0, 0.0]], [0.0, 0.0], 1, 1, 1).slower(factor)

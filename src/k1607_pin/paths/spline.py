@@ -59,6 +59,8 @@ class Spline:
     def slower(self, factor: float) -> "Spline":
         """The same motion in ``factor`` times the time."""
         factor = number("factor", factor, above=0)
+        if not 1e-75 < factor < 1e75:
+            raise ValueError(f"factor: expected a number from 1e-75 to 1e75, got {shown(factor)}")
         powers = np.arange(len(self.coefficients))[::-1]
         return Spline(self.times * factor, self.coefficients / factor ** powers[:, None, None])
 

@@ -23,6 +23,9 @@ MOST = (
 )  # velocity, acceleration and jerk that Ruckig is given, in units of the distance and the duration
 
 
+LEAST = 1e-75  # cubes and products of smaller limits, and of larger ones than its inverse, are no numbers
+
+
 class Limits(NamedTuple):
     """What a motion keeps to: numbers, or one each for n coordinates, in units of the coordinate."""
 
@@ -78,6 +81,8 @@ def each(limits: Limits, shape: tuple[int, ...]) -> Limits:
         limit = numbers(name, x)
         if limit.shape not in ((), shape) or not (limit > 0).all():
             raise ValueError(f"{name}: expected one or {shape} positive limits, got {shown(x)}")
+        if limit.size and not (LEAST <= limit.min() and limit.max() <= 1 / LEAST):
+            raise ValueError(f"{name}: expected limits from {LEAST:.0e} to {1 / LEAST:.0e}, got {shown(x)}")
         found.append(np.broadcast_to(limit, shape))
     return Limits(*found)
 
