@@ -80,7 +80,7 @@ def test_a_time_is_refused_by_name(plant, name, value):
         simulate(plant, Idle(), np.zeros(N), **({"duration": 0.1} | {name: value}))
 
 
-@pytest.mark.parametrize("times", [{"physics_step": 1e-300}, {"duration": 1e300}, {"duration": 1e11}])
+@pytest.mark.parametrize("times", [{"physics_step": 1e-300}, {"duration": 1e100}, {"duration": 1e11}])
 def test_steps_without_end_are_refused(plant, times):
     with pytest.raises(ValueError, match=r"physics_step: expected at most 1e\+12"):
         simulate(plant, Idle(), np.zeros(N), **({"duration": 0.1} | times))
